@@ -1,9 +1,10 @@
 """Models, effects and readers of installed packages, by entry point.
 
 A package adds a model by an entry point in the group `nearlift.models` that names one `LiftModel`
-value (`nearlift.effects`: one `Effect`; `nearlift.readers`: one `Reader`). Names are unique;
-nothing is overridden. A package that cannot be loaded, or offers something else, is refused by its
-name and not left out silently, since the results of a run depend on it.
+value. An entry point in `nearlift.effects` names one `Effect`, one in `nearlift.readers` one
+`Reader`. Names are unique; nothing is overridden. A package that cannot be loaded, or offers
+something else, is refused by its name. It is not left out silently, since the results of a run
+depend on it.
 """
 
 from __future__ import annotations

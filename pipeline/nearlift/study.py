@@ -271,12 +271,12 @@ def trials(
     Parameters
     ----------
     frame : DataFrame
-        A trial a row, with the columns of ``trials.parquet`` in SI: ``boundary``, ``z_m``,
-        ``throttle`` (a fraction), ``lift_N``, and where known ``u_lift_N``, ``n``, ``sd_N``,
-        ``visit``, ``start_s``, ``session``, ``supply_V`` and the like. A column may have another
-        unit at the end of its name: ``z_mm``, ``throttle_percent``, ``lift_gf``. Free-air trials
-        have the boundary ``none`` and an infinite or empty distance. Rows with a rejecting
-        `quality` are left out.
+        A trial a row, with the columns of ``trials.parquet`` in SI. They are ``boundary``,
+        ``z_m``, ``throttle`` (a fraction) and ``lift_N``. Where known, add ``u_lift_N``, ``n``,
+        ``sd_N``, ``visit``, ``start_s``, ``session``, ``supply_V`` and the like. A column may
+        have another unit at the end of its name: ``z_mm``, ``throttle_percent``, ``lift_gf``.
+        Free-air trials have the boundary ``none`` and an infinite or empty distance. Rows with a
+        rejecting `quality` are left out.
     rotor_radius, mass, rotor_spacing : str
         With unit, such as ``"23 mm"``. The spacing is between adjacent axes.
     rotors : int

@@ -223,8 +223,8 @@ class Effect(Declaration):
     within_trial : bool
         Its signature is a change during a record, which the mean of a trial does not show.
     contains_line : bool
-        A straight line of any slope along `varies_with` is a special or limiting case of the form:
-        a line in force if the effect is additive, else a line in gain.
+        A straight line of any slope along `varies_with` is a special or limiting case of the form.
+        The line is in force if the effect is additive, else in gain.
     """
 
     acts_on: Literal["height", "ratio", "force"]

@@ -2,7 +2,7 @@
 
 They are the prediction from all other trials, and the coefficients without it. No refit is needed
 for a model that is linear near its optimum. P is the inverse covariance after projecting out
-coefficients and L_inf, y the log lift less the model's and G the estimator, ``theta = G y``.
+coefficients and L_inf. y is the log lift less the model's, and G the estimator, ``theta = G y``.
 Deleting block B moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``. The error of predicting B
 from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact for a given
 covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (leverage,
@@ -33,8 +33,8 @@ DETERMINED = 1e-8
 class DeletionDiagnostics:
     """Effect of leaving out one trial or one visit, and its prediction from all others.
 
-    What the others do not determine, such as the only visit at some throttle, is nan; so are the
-    shifts of a coefficient that is not free.
+    Quantities that the others do not determine are nan, such as those of the only visit at some
+    throttle. The shifts of a coefficient that is not free are nan too.
 
     Attributes
     ----------

@@ -2,8 +2,8 @@
 
 Conventions, the same as those of least squares:
 
-- L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form; its
-  constant is part of the evidence.
+- L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form. The
+  constant of this prior is part of the evidence.
 - The noise is estimated from repeats and, where these are few, from the scatter of visits about the
   base model's curve. The model's misfit does not otherwise inform it. The scale of the
   coefficients' covariance therefore has a scaled inverse chi-square distribution with `dof`, the

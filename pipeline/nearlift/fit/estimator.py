@@ -1,8 +1,8 @@
 """A fit linearised about the quoted values: the basis of uncertainty budget, influence and doubts.
 
-The base fit and the loop's result differ only in their covariance. Effects, the uncertainty of
-their form and residual structure are columns of unit-variance unknowns in it, next to the noise of
-trials and the stated errors.
+The base fit and the loop's result differ only in their covariance. It contains the noise of trials
+and the stated errors. Effects, the uncertainty of their form and residual structure are further
+columns of unit-variance unknowns in it.
 """
 
 from __future__ import annotations

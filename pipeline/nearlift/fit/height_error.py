@@ -2,8 +2,8 @@
 
 To first order a height error e adds ``e f'`` to the log ratio f, and is a column of the covariance.
 This omits the even part, ``(f(z + e) + f(z - e)) / 2 - f(z)``. Where that would shift a coefficient
-by more than `LIMIT` standard uncertainties, f is linearised about the most probable e instead of
-zero: the effect `height_offset` with the stated distribution as its prior.
+by more than `LIMIT` standard uncertainties, f is linearised about the most probable e, not about
+zero. This is the effect `height_offset` with the stated distribution as its prior.
 """
 
 from __future__ import annotations

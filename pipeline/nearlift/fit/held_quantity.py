@@ -5,8 +5,8 @@ Every published ratio holds something constant: a model of the flow gives g, and
 The paper, like Cheeseman and Bennett, takes n = 1. Momentum theory at constant power gives 2/3,
 blade-element theory at constant speed 0.60 to 0.82 for a rotor of this size. Lift alone hardly
 separates n from the coefficient. Logged quantities can. A quantity q that varies with the load as q
-~ (L / L_inf)^s was not held. The exponent s converts that of theory at constant q into that at
-constant throttle, since lift scales as speed squared and, at fixed flow, as power to 2/3:
+~ (L / L_inf)^s was not held. Lift scales as speed squared and, at fixed flow, as power to 2/3. The
+exponent s therefore converts that of theory at constant q into that at constant throttle:
 
     n = n_speed / (1 - 2 s_speed)        n = (2/3) / (1 - (2/3) s_power)
 """

@@ -125,9 +125,9 @@ class Line:
     without : Covariance or None
         Covariance of the trials if the source were known exactly; None where nothing else scatters.
     sensitivity : (m,)
-        Change of each coefficient per unit of the input: signed where the input is one number, else
-        the root of the sum of squares over its elements. ``|sensitivity| standard`` is the
-        contribution in both cases.
+        Change of each coefficient per unit of the input, signed where the input is one number.
+        Else it is the root of the sum of squares over the input's elements. In both cases
+        ``|sensitivity| standard`` is the contribution.
     dof : (m,)
         Effective degrees of freedom of the contribution; inf for a stated one.
     sizes : dict of (m,)

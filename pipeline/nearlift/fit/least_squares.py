@@ -118,8 +118,8 @@ def fit(
         d log ratio / dz that carries height errors. Give every rival model the base model's: with
         its own, a flat curve would claim less noise, and likelihoods would not be comparable.
     offset_m : float or None
-        Height error about which the model is linearised; the most probable one if None and the
-        slope does not suffice (`fit.height_error`). Give every rival the base model's.
+        Height error about which the model is linearised. If None, it is the most probable one where
+        the slope does not suffice (`fit.height_error`). Give every rival the base model's.
     quoted : bool
         Whether lmfit makes the last search, for its report in `lmfit`.
 

@@ -192,8 +192,8 @@ def minimise(
     Parameters
     ----------
     linearised : callable
-        Maps parameters (k, p) and the indices (k,) of their problems to residuals (k, n) and their
-        derivatives (k, p, n); nan where the model has no value.
+        Maps parameters (k, p) and their problems' indices (k,) to residuals (k, n) and derivatives
+        (k, p, n). Both are nan where the model has no value.
     start : (m, p)
     bounds : pair of (p,)
     scale : (p,)

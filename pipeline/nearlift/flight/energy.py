@@ -3,13 +3,13 @@
 Its relation to L / L_inf depends on the quantity held while L / L_inf was measured or derived:
 
 power              thrusts at the same power: T scales as P^(2/3) at a fixed inflow factor, so
-                   cost = ratio^(-3/2), as the paper takes it for all.
-thrust             the ratio is P_inf / P at the same thrust, as in the theories
-                   (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s) by momentum theory):
-                   cost = 1 / ratio.
-rpm                thrusts at the same frequency: ratio = (P_inf/P)^n with n between 0.60 and 0.82
-                   for a small rotor, so cost = ratio^(-1/n).
-throttle, voltage  between constant rpm and constant power; the exponent is known only between 1
+                   cost = ratio^(-3/2). The paper takes this for all.
+thrust             the ratio is P_inf / P at the same thrust: cost = 1 / ratio. So it is in the
+                   theories (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s) by momentum
+                   theory).
+rpm                thrusts at the same frequency: ratio = (P_inf/P)^n, so cost = ratio^(-1/n). For
+                   a small rotor n is between 0.60 and 0.82.
+throttle, voltage  between constant rpm and constant power. The exponent is known only between 1
                    and 1/0.60.
 
 Mechanical power, without the losses of motors and electronics.

@@ -153,8 +153,8 @@ def conditions(
     Raises
     ------
     ManifestError
-        The loop is unstable, the step does not divide the gusts' hold, a flight is shorter than a
-        gust, or the rotors cannot lift the manifest's mass.
+        The loop is unstable, or the step does not divide the gusts' hold. Or a flight is shorter
+        than a gust, or the rotors cannot lift the manifest's mass.
     """
     like = paper.preset("converged")
     carried = like.groups(boundary)

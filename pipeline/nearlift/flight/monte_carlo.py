@@ -80,8 +80,8 @@ def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
     Raises
     ------
     InputRefused
-        A ratio has no positive value somewhere in the range (a singularity, or a bound below the
-        model's validity), or the range is empty.
+        The range is empty, or a ratio has no positive value somewhere in it. Such a ratio
+        has a singularity, or a bound below the model's validity.
     """
     if not low < TOP:
         raise InputRefused(

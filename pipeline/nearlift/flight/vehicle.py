@@ -2,8 +2,8 @@
 
 Crash rates depend on these groups alone: the paper's Eq. 5 and 6, and more.
 
-The controller of rotor frequency is f = max(0, kP (z - z0) + kD z' + kI integral(z - z0) + f0),
-with z the distance to the boundary. Above a ground the gains are negative: a vehicle that is too
+The controller of rotor frequency is f = max(0, kP (z - z0) + kD z' + kI integral(z - z0) + f0).
+Here z is the distance to the boundary. Above a ground the gains are negative: a vehicle that is too
 low (z < z0) must turn its rotors faster. Below a ceiling it must slow them: gains are positive.
 The paper prints positive gains for both, with which the loop above a ground is unstable.
 
@@ -13,9 +13,9 @@ K = rotors C_L rho r^4, the paper's groups are
     alpha = kP r sqrt(K / (m g))             beta = kD sqrt(r g) sqrt(K / (m g))
     gamma = kI r sqrt(r/g) sqrt(K / (m g))   delta = f0 sqrt(K / (m g))
 
-Eq. 6 leaves out the disturbance over weight, its hold and correlation time, step and duration, the
-height of contact, largest thrust, and (in L / L_inf) spacing over radius and the bound on the
-ratio.
+Eq. 6 leaves out the disturbance over weight, its hold and correlation time, step and duration. It
+also leaves out the height of contact and the largest thrust. In L / L_inf it leaves out spacing
+over radius and the bound on the ratio.
 """
 
 from __future__ import annotations

@@ -73,8 +73,8 @@ class CutDownwash:
     value, u : float
         Mean over the span, positive against thrust; standard uncertainty, all parts together.
     u_noise, u_mask, u_position, u_scale : float
-        From the scatter of fields, correlation in time included; from the part without vectors;
-        from the place of the cut; from the velocity scale.
+        From the scatter of fields, correlation in time included. From the part without vectors,
+        the place of the cut and the velocity scale.
     span : float
         Signed change where the cut is longer by the uncertainty of its place; case and control
         share it.

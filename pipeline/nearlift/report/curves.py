@@ -107,9 +107,11 @@ def posterior_quantiles(
 
 
 def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
-    """The base fit at recorded distances, with its height error: pointwise median and 90 % of the
-    posterior, or least squares with the band of its covariance. Arrays that are not to be written:
-    figures, charts and words ask for the same curve, which is made once.
+    """The base fit at recorded distances, with its height error.
+
+    It is the pointwise median and 90 % of the posterior, or least squares with the band of its
+    covariance. Do not write to its arrays: figures, charts and words ask for the same curve, which
+    is made once.
     """
     asked = boundary, z_hat.tobytes()
     if asked not in evidence.curves:

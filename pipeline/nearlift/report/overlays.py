@@ -1,5 +1,6 @@
-"""Measured data of others for Figure 2, as the manifest names them: small CSV files, and cells of
-campaigns that were run in the same workspace.
+"""Measured data of others for Figure 2, as the manifest names them.
+
+They are small CSV files, and cells of campaigns that were run in the same workspace.
 """
 
 from __future__ import annotations

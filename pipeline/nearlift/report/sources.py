@@ -101,8 +101,10 @@ def _undetected_shift(diagnosis: BoundaryDiagnosis | None, on: str, u: float) ->
 
 
 def is_the_coefficient(silent: SilentEffect) -> bool:
-    """Whether an effect of the vehicle's physics is what a coefficient measures: the trials show
-    none of it besides the coefficient, as the strength of the images is k of Cheeseman-Bennett.
+    """Whether an effect of the vehicle's physics is what a coefficient measures.
+
+    The trials then show none of it besides the coefficient. For example, the strength of the images
+    is k of Cheeseman-Bennett.
     """
     effect = catalogue.effect(silent.effect)
     # a quantity to log would distinguish it, as rpm does the held quantity

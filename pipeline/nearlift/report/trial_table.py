@@ -37,8 +37,10 @@ class TrialRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """Change of the headline coefficient, in its unit and in standard uncertainties, when `trials`
-    trials are put back or left out; nan, and `why_not`, where it cannot be fitted.
+    """Change of the headline coefficient when `trials` trials are put back or left out.
+
+    It is in the coefficient's unit and in standard uncertainties. Where the coefficient cannot be
+    fitted, it is nan and `why_not` is the reason.
     """
 
     trials: int
@@ -49,8 +51,9 @@ class Refit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exclusions:
-    """Influence of the excluded trials of one boundary on the headline `parameter` of its base
-    model: put back together, by quality code, and the first few one by one. `left_out` are trials
+    """Influence of one boundary's excluded trials on the headline `parameter` of its base model.
+
+    They are put back together, by quality code, and the first few one by one. `left_out` are trials
     and visits that the fit names, and keeps.
     """
 

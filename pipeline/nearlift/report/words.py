@@ -159,8 +159,10 @@ def briefs(evidence: Evidence) -> list[Brief]:
 
 
 def removed(evidence: Evidence) -> str:
-    """Trials left out with their reasons, and readings: ``none left out``, ``1 left out: the cell
-    saturated (1); 12 impossible readings in 3 trials were left out``.
+    """Trials left out with their reasons, and readings.
+
+    Examples: ``none left out``; ``1 left out: the cell saturated (1); 12 impossible readings in 3
+    trials were left out``.
     """
     table = evidence.table(TRIALS)
     out = rejected(table["quality"])
@@ -547,8 +549,10 @@ def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
 
 
 def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:
-    """Next steps: to distinguish rivals or to be diagnosed; else to detect what hides, to
-    state what is not stated, or to lower the largest source; and what to log.
+    """Next steps, and the quantities to log.
+
+    The steps are to distinguish rivals or to be diagnosed. Otherwise they are to detect hidden
+    effects, to state what is not stated, or to lower the largest source.
     """
     diagnosis = evidence.diagnosed(boundary)
     visit = (

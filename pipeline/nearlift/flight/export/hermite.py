@@ -45,8 +45,9 @@ class HermiteTable:
     def power(self) -> float:
         """Power of z_hat with which L / L_inf - 1 falls at `high`, at least -1.
 
-        Farther, it falls as 1 / (1 + power s + s^2) with s = z_hat / high - 1: smoothly from `high`
-        on, without a change of sign, and in the end as the inverse square of distance.
+        Farther, it falls as 1 / (1 + power s + s^2) with s = z_hat / high - 1. This is smooth
+        from `high` on, without a change of sign. In the end it falls as the inverse square of
+        distance.
         """
         above = float(self.value[0]) - 1.0
         fall = self.high * float(self.slope[0]) * self.per_w * self.w_low**2

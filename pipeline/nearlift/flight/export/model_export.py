@@ -89,8 +89,8 @@ class ExportedLift:
     formula : str
         LaTeX of the base model.
     effects, omitted : tuple of str
-        Effects within the ratio, and identified effects that are left out, since they act in time
-        or belong to the bench.
+        Effects within the ratio, and identified effects that are left out. The latter are left
+        out since they act in time or belong to the bench.
     covariance : mapping of str to tuple of float
         Rows of the parameters' covariance matrix over the draws, in the same order.
     known : mapping of str to float

@@ -175,8 +175,9 @@ def _cases(evidence: Evidence) -> list[Markup]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Implied:
-    """Downwash measured at the untilted cases of a boundary, the farthest first, with rows of what
-    each model implies, and the base model's at the nearest.
+    """Downwash measured at the untilted cases of a boundary, the farthest first.
+
+    `rows` are the downwash that each model implies, `base` that of the base model at the nearest.
     """
 
     boundary: Boundary

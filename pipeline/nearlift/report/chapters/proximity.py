@@ -19,8 +19,9 @@ from nearlift.stages.detect import DETECTION, PROXIMITY
 
 
 def facts(evidence: Evidence) -> Markup:
-    """Distance of significance of each boundary, its detection range by averaging time with weight
-    and supply known best and each known worst, and readings of the manifest.
+    """Distance of significance and detection range of each boundary, and readings of the manifest.
+
+    The range is by averaging time, with weight and supply known best and each known worst.
     """
     root, table = Place(evidence, PROXIMITY), evidence.table(DETECTION)
     sides = [p for side in BOUNDARIES if (p := root.at("boundaries", side)).content]

@@ -33,8 +33,10 @@ MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
-    """A row for each bar: `fall_percent` of the coefficient's standard uncertainty if the component
-    were known exactly, `u` that it adds, `u_without` it; the largest fall first.
+    """A row for each bar, the largest fall first.
+
+    `fall_percent` is the fall of the coefficient's standard uncertainty if the component were known
+    exactly. `u` is the uncertainty that it adds, `u_without` that without it.
     """
     return bars(
         [

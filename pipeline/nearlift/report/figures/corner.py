@@ -31,8 +31,9 @@ SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
 def draws(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
-    """Draws of the base model, a column for each parameter and for L_inf at the highest throttle,
-    in mN unless the manifest asks for another unit.
+    """Draws of the base model, a column for each parameter and for L_inf at the highest throttle.
+
+    L_inf is in mN unless the manifest asks for another unit.
     """
     model, _ = evidence.base(boundary)
     long = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)

@@ -30,9 +30,9 @@ COLUMNS = (
 def table(evidence: Evidence) -> pd.DataFrame:
     """Everything that is drawn, a row each.
 
-    In `row` range, x is the averaging time in s and y the range in z_hat (nan: none), `case` the
-    knowledge of weight and supply in words; floor is the words at the end of the best curve. In
-    located, x is the true z_hat and y the posterior's median; in reading, y is the distance by one
+    In `row` range, x is the averaging time in s and y the range in z_hat (nan: none). `case` is the
+    knowledge of weight and supply in words. Row floor is the words at the end of the best curve. In
+    located, x is the true z_hat and y the posterior's median. In reading, y is the distance by one
     of the manifest's readings.
     """
     content = evidence.document(PROXIMITY)

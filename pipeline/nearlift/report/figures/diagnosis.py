@@ -119,8 +119,10 @@ def _headline(diagnosis: BoundaryDiagnosis) -> str:
 
 
 def chosen_covariates(diagnosis: BoundaryDiagnosis) -> list[str]:
-    """The covariate of the most significant structure; where it stays unexplained also that of the
-    next, where the gain wanders also time, and after two effects also that of the other effect.
+    """Covariates to draw: first that of the most significant structure.
+
+    Where structure stays unexplained, that of the next follows. Time follows where the gain
+    wanders, and after two effects the covariate of the other effect.
     """
     structure = diagnosis.structure
     shown = [s for s in structure[1:] if s.significant and diagnosis.verdict == "unexplained"]

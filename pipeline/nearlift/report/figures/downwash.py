@@ -33,8 +33,10 @@ LEVEL_RAD = 1e-4
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
-    """A row for each point: `kind` is measured (the label says why a cut is not at the disk) or
-    model; reductions of downwash in percent of the control's.
+    """A row for each point, with reductions of downwash in percent of the control's.
+
+    `kind` is measured or model. The label of a measured one gives the reason why a cut is not at
+    the disk.
     """
     cuts = evidence.frame(DOWNWASH, rotor="all")
     cuts = cuts[(cuts["tilt_rad"].abs() < LEVEL_RAD) & np.isfinite(cuts["reduction"])]

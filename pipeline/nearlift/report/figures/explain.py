@@ -45,9 +45,9 @@ def table(curves: Sequence[EffectCurves]) -> pd.DataFrame:
     """The figure's rows for each size at each boundary.
 
     `panel` is signature, power or confused. A signature's `y` is per cent of lift against the
-    effect's own covariate `x`, a power's a chance against size, a confusion's the share of energy
-    that `series` absorbs, with the chance of being a rival as `x`. `noise` is the scatter of one
-    trial about any curve, rms over trials.
+    effect's own covariate `x`, a power's a chance against size. A confusion's `y` is the share of
+    energy that `series` absorbs, with the chance of being a rival as `x`. `noise` is the scatter of
+    one trial about any curve, rms over trials.
     """
     return frame([part for of_size in curves for part in _parts(of_size)], COLUMNS)
 

@@ -1,9 +1,8 @@
-"""Figure 2: Delta L against distance at each boundary, with theory and the quoted model; below, the
-same less the curve.
+"""Figure 2: Delta L against distance at each boundary, with theory and the quoted model.
 
-Cells and curve are those of `relative_lift`. With ``[report] reference = "farthest"`` the symbols
-are the cells of lift.parquet, whose L_inf is the farthest station (or free air), and the curve is
-the base model's.
+Below, Delta L less the curve. Cells and curve are those of `relative_lift`, unless the manifest has
+``[report] reference = "farthest"``. Then the curve is the base model's, and the symbols are the
+cells of lift.parquet. The L_inf of these cells is the farthest station (or free air).
 """
 
 from __future__ import annotations
@@ -151,8 +150,9 @@ def table(evidence: Evidence) -> pd.DataFrame:
     """Everything that is drawn, a row each.
 
     `kind` is data, band (the curve with its ends), model, least squares, overlay, influence (a
-    ringed cell) or L_inf (ends of the band of its uncertainty, without a Delta L).
-    `above_fit_percent` is Delta L less the curve's; `u_delta_L_percent` one standard uncertainty.
+    ringed cell) or L_inf. Rows of L_inf are the ends of the band of its uncertainty, without a
+    Delta L. `above_fit_percent` is Delta L less the curve's; `u_delta_L_percent` one standard
+    uncertainty.
     """
     parts = [
         {"panel": boundary, **part}

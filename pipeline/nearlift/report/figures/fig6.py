@@ -1,5 +1,6 @@
-"""Figure 6: sample flights above, crash rates and energy beneath, ground on the left, ceiling on
-the right, as the paper has them and with a converged time step.
+"""Figure 6: sample flights above, crash rates and energy beneath.
+
+Ground is on the left, ceiling on the right, as the paper has them and with a converged time step.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def table(evidence: Evidence) -> pd.DataFrame:
     """Everything that is drawn, a row each.
 
     `kind` is flight (x the time in s, y z_hat), crash (x the set-point, y a crash rate) or
-    cost_paper, cost (a relative power); `exponent` of the model's ratio, 0 without a model;
-    `flights` at each set-point. A flight that crashed ends at z_hat = 0.
+    cost_paper, cost (a relative power). `exponent` is that of the model's ratio, 0 without a model.
+    `flights` is their number at each set-point. A flight that crashed ends at z_hat = 0.
     """
     rates = evidence.frame(CRASH_RATES)
     parts: list[Part] = []
@@ -80,8 +81,10 @@ def _sample(evidence: Evidence, side: str) -> list[Part]:
 
 
 def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
-    """A flight up to where it touched: a last height below zero, a step after the touch, becomes
-    the touch, on the line through the last two heights.
+    """A flight up to where it touched.
+
+    A last height below zero is a step after the touch. It becomes the touch, on the line through
+    the last two heights.
     """
     if len(z_hat) < 2 or z_hat[-1] > 0:
         return t_s, z_hat

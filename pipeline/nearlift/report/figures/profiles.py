@@ -27,9 +27,10 @@ COLUMNS = ("panel", "parameter", "unit", "kind", "x", "rise", "quadratic")
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
-    """A row for each point of a curve and each interval: `kind` is ``profile``, or ``68``, ``90``,
-    ``95`` for the ends of an interval; `rise` of chi2 of the profile, `quadratic` of the parabola.
-    An open end has no row.
+    """A row for each point of a curve and each interval.
+
+    `kind` is ``profile``, or ``68``, ``90``, ``95`` for the ends of an interval. `rise` is the rise
+    of chi2 of the profile, `quadratic` that of the parabola. An open end has no row.
     """
     parts: list[Part] = []
     for boundary in evidence.boundaries:

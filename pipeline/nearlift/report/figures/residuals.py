@@ -50,8 +50,10 @@ LOOKS = {"base": SERIES[1], "bin": SERIES[2]}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Residuals:
-    """Trials within the base model's range and their relative residuals, (n,); `base` is that of
-    the base model, None where it is quoted; `sigma` the standard deviation expected of each.
+    """Trials within the base model's range and their relative residuals, (n,).
+
+    `base` is the residual of the base model, None where it is quoted. `sigma` is the standard
+    deviation expected of each.
     """
 
     data: Observations
@@ -78,11 +80,13 @@ def residuals(evidence: Evidence, boundary: Boundary) -> Residuals:
 
 
 def table(evidence: Evidence, every: bool = False) -> pd.DataFrame:
-    """Everything that is drawn, a row each; on paper against distance, throttle, run order and the
-    covariate of each boundary's largest structure, else against `every` covariate.
+    """Everything that is drawn, a row each.
 
-    `kind` is trial (with its id), bin, base (a bin of the base model's residuals) or noise, whose
-    `u_residual_percent` is the standard deviation of a trial there.
+    On paper it is against distance, throttle, run order and the covariate of each boundary's
+    largest structure. Otherwise it is against `every` covariate.
+
+    `kind` is trial (with its id), bin, base (a bin of the base model's residuals) or noise. The
+    `u_residual_percent` of noise is the standard deviation of a trial there.
     """
     parts: list[Part] = []
     shown = _on_paper(evidence)

@@ -42,10 +42,10 @@ NO_EFFECT: Look = {"color": REFERENCES[0][0], "linestyle": REFERENCES[0][1]}
 def table(evidence: Evidence) -> pd.DataFrame:
     """Everything that is drawn, a row each.
 
-    In `row` crash, x is the set-point and y a crash rate (`kind` none, model, held below the
-    nearest station) or a relative power (cost, cost_paper), and contact is the height of contact.
-    In front, x is the relative power, y the crash rate, and advised the lowest set-points for the
-    stated risks, at the rate of other flights; without x where none is advised.
+    In `row` crash, x is the set-point. There y is a crash rate (`kind` none, model, held below the
+    nearest station) or a relative power (cost, cost_paper). Contact is the height of contact. In
+    front, x is the relative power and y the crash rate. Advised are the lowest set-points for the
+    stated risks, at the rate of other flights. They are without x where none is advised.
     """
     rates, fitted = evidence.frame(CRASH_RATES, preset="fitted"), evidence.safety.fitted
     parts = []

@@ -1,7 +1,7 @@
 """Figure of the report: its products, table, caption and drawing.
 
-A figure is one file of this folder with three functions: `table`, of exactly what is drawn (its
-CSV), `caption`, and `draw`, which returns a matplotlib Figure.
+A figure is one file of this folder with three functions: `table`, `caption` and `draw`. The table
+has exactly what is drawn (its CSV), and `draw` returns a matplotlib Figure.
 """
 
 from __future__ import annotations

@@ -160,8 +160,9 @@ def _settings(look: Style) -> dict[str, object]:
 def canvas(
     look: Style, down: int, across: int, height_in: float, width_in: float = 0.0, **more: Any
 ) -> tuple[Figure, Any]:
-    """A figure of rows and columns of panels, and its axes; one column wide if it has one panel
-    across, and no higher than a page.
+    """A figure of rows and columns of panels, and its axes.
+
+    It is one column wide if it has one panel across, and no higher than a page.
     """
     width = width_in or (look.single_in if across == 1 else look.double_in)
     figure = Figure(figsize=(width, min(height_in, look.height_in)), layout="constrained")
