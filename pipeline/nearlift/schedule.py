@@ -224,7 +224,7 @@ def schedule_file(campaign: Campaign, root: Path) -> Path:
 def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     """Read and check the schedule of a campaign.
 
-    Raises `InputRefused` for a missing or damaged file and for impossible distances, and
+    Raises `InputRefused` for a missing or damaged file and for impossible distances. Raises
     `ManifestError` for a wrong column, unit or cell and for two trials with one id.
     """
     columns, notes = read_columns(campaign, root)
@@ -360,8 +360,10 @@ def _constant(name: str, value: object, key: str, unit: str) -> str:
 
 
 def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
-    """The schedule's columns that pieces bring, each with its column of the record and its key of
-    the manifest; `ManifestError` of an unknown name, a missing unit, and one name twice.
+    """The schedule's columns that pieces bring, each with its column of the record and its manifest
+    key.
+
+    `ManifestError` for an unknown name, a missing unit, and one name twice.
     """
     columns: dict[str, tuple[ColumnOfRecord, str]] = {}
     if cut.has_level:
@@ -389,7 +391,8 @@ def dimension_of(name: str) -> str:
 def rename_records(
     campaign: Campaign, root: Path, columns: Mapping[str, TextColumn]
 ) -> tuple[dict[str, TextColumn], tuple[str, ...]]:
-    """A schedule of records under the names of one of trials, and the columns that pieces bring;
+    """A schedule of records under the names of one of trials, and the columns that pieces bring.
+
     `ManifestError` without a column `record`, or with a column that pieces bring.
     """
     assert campaign.segments is not None

@@ -62,8 +62,10 @@ class FitOptions(Section):
 
 
 class Overlay(Section):
-    """Measured data of others for Figure 2: a CSV with the columns z_hat, delta_L and u
-    (fractions), or the name of a data set or campaign that was run in this workspace.
+    """Measured data of others for Figure 2.
+
+    It is a CSV with the columns z_hat, delta_L and u (fractions). Or it is the name of a data set
+    or campaign that was run in this workspace.
 
     A string is short for its file, with the file's name as label. Without `boundary` it is the
     CSV's own column, else the ground.

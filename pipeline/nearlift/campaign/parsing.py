@@ -1,6 +1,6 @@
 """Bounded TOML, and the faults of a manifest with key, value and nearest known key.
 
-Size, depth and digits are judged before TOML is parsed: the parser recurses over brackets, takes
+Size, depth and digits are judged before TOML is parsed. The parser recurses over brackets, takes
 quadratic time over dotted keys, and computes whole numbers of any length.
 """
 
@@ -37,8 +37,9 @@ Kind = TypeVar("Kind", bound=BaseModel)
 
 
 def loads(content: bytes, where: str) -> dict[str, Any]:
-    """The tables of a TOML file, with or without a byte order mark; `ManifestError` if it is too
-    large or too deep, or is no UTF-8 or no TOML.
+    """The tables of a TOML file, with or without a byte order mark.
+
+    `ManifestError` if the file is too large or too deep, or is no UTF-8 or no TOML.
     """
     if len(content) > MOST_BYTES:
         raise ManifestError(

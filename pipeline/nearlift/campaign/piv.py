@@ -52,7 +52,7 @@ class PivConventions(Section):
     `thrust` and `across` are the file's directions of thrust and of the vehicle's +x. `v_sign` is
     -1 if the software counts the second component against its own axis. `origin` is the midpoint
     between the rotors in the file's coordinates, m. `rotors` are the x of rotor axes in the light
-    sheet and `mask` excluded rectangles (x from, x to, y from, y to), both in vehicle axes, m.
+    sheet. `mask` are excluded rectangles (x from, x to, y from, y to). Both are in vehicle axes, m.
     `mirror` is the measured half; the other half becomes its marked reflection. `rate` is fields
     per second.
     """
@@ -103,10 +103,11 @@ class Piv(PivConventions):
     """All cases, and their evaluation.
 
     `control` names the case far from every boundary. The cut beneath each rotor is `below` its
-    plane (default: one rotor diameter) and extends `half_span` (default: one radius) to both sides,
-    m. `u_position` is the standard uncertainty of the cut's place (default: a grid spacing over
-    sqrt(12)), m; `u_scale` a relative one of every velocity, common to all cases. `outliers` is the
-    threshold of the median test; 0 keeps all vectors. `figure3` names the three cases of Figure 3.
+    plane, m (default: one rotor diameter). It extends `half_span`, m, to both sides (default: one
+    radius). `u_position` is the standard uncertainty of the cut's place, m (default: a grid spacing
+    over sqrt(12)). `u_scale` is a relative one of every velocity, common to all cases. `outliers`
+    is the threshold of the median test; 0 keeps all vectors. `figure3` names the three cases of
+    Figure 3.
     """
 
     control: str

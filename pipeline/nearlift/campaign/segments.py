@@ -55,10 +55,10 @@ class ColumnOfRecord(Section):
 class Segments(Section):
     """Cutting of a record into pieces, each of which becomes a trial.
 
-    `by` names the column whose steps divide the pieces, or is "plateaus" (levels of the force or of
-    the column `of`, separated by changes of at least `step`), "markers" (lines of text `begin` and
-    `end`, in which ``{level}`` is a number) or "windows" of `length`. With another `by`, `length`
-    divides each piece further.
+    `by` names the column whose steps divide the pieces, or is "plateaus", "markers" or "windows".
+    Plateaus are levels of the force or of the column `of`, separated by changes of at least `step`.
+    Markers are lines of text `begin` and `end`, in which ``{level}`` is a number. Windows have the
+    length `length`. With another `by`, `length` divides each piece further.
 
     `settle` is dropped after each cut; a piece with less than `shortest` left is no trial. `unit`,
     `zero` and `full` belong to the column `by`, which `maps` to a column of the schedule. Samples

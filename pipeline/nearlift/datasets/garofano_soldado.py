@@ -4,8 +4,8 @@ campaign of means.
 The script assigns, per configuration, a row of mean forces and one of standard deviations; the
 heights are in `z`, in units of R. The table (``thrust_vs_height.csv``) has 15 tilt configurations
 at ten heights. Neither the order of the runs, the number of samples, nor the spacing of the rotors
-is published: order and spacing are left out of the campaign, and the standard deviation is taken as
-that of the mean, which is cautious.
+is published. The campaign leaves out order and spacing. It takes the standard deviation as that of
+the mean, which is cautious.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ FACING = {None: "coplanar", "_beta": "back_to_back", "_minbeta": "face_to_face"}
 
 
 def convert(files: dict[str, Path], folder: Path, name: str) -> None:
-    """Write the campaign, once the numbers are known to be those that were published; a name that
-    ends with ``-axes`` wants the force along the rotors' axes.
+    """Write the campaign, once the numbers are known to be those that were published.
+
+    A name that ends with ``-axes`` asks for the force along the rotors' axes.
 
     Raises
     ------
@@ -111,10 +112,12 @@ def _numbers(cells: str) -> list[float]:
 def write_table(
     table: Path, folder: Path, *, along_axes: bool = False, name: str | None = None
 ) -> Path:
-    """Write the table, ``thrust_vs_height.csv``, as a campaign into a new or empty folder, and
-    return that; `InputRefused` where it lacks a column, or a cell is no number, `UsageError` where
-    the folder holds something. With `along_axes` the force is divided by cos(alpha) cos(beta); the
-    campaign has the `name`, or that of the folder.
+    """Write the table, ``thrust_vs_height.csv``, as a campaign into a new or empty folder; return
+    the folder.
+
+    With `along_axes` the force is divided by cos(alpha) cos(beta). The campaign has the `name`, or
+    that of the folder. `InputRefused` where the table lacks a column, or a cell is no number.
+    `UsageError` where the folder holds something.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(

@@ -31,15 +31,16 @@ def derive(
 ) -> Observations:
     """The observations with every derived covariate that effects and families may ask for.
 
-    `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order,
-    scaled to [-1, 1]), `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at
-    the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
-    throttle, or over its curve), `drift_hat` (relative change of lift within a record),
-    `lift_inf_N` (as given, in N, (n,); times the base model's lift `ratio`, (n,), what the trial
-    before it held). Geometry: the medians `supply_ref_V`, `temperature_ref_K`,
-    `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`. Where the order of the
-    trials is unknown, all that follows from it is constant. A covariate with a default that was not
-    logged for every trial takes that value for all, and is no covariate.
+    Time: `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run
+    order, scaled to [-1, 1]) and `order_in_visit`. Previous trial: `previous_lift_N`,
+    `previous_throttle`, `previous_z_hat` and `rest_s` (0 at the start of a session). `speed_hat` is
+    the rotor speed over its median at the throttle, or over its curve. `drift_hat` is the relative
+    change of lift within a record. `lift_inf_N` (n,) is as given, in N. Times the base model's lift
+    `ratio` (n,) it is the lift of a trial, and `previous_lift_N` of the next. Geometry: the medians
+    `supply_ref_V`, `temperature_ref_K`, `pressure_ref_Pa`, that of the throttles, `throttle_ref`,
+    and `radius_m`. Where the order of the trials is unknown, all that follows from it is constant.
+    A covariate with a default that was not logged for every trial takes that value for all, and is
+    no covariate.
     """
     known = dict(data.covariates)
     n = data.n

@@ -116,8 +116,8 @@ def estimate(
     shared, extra
         Stated errors, as in `trial_covariance`: scatter that they explain is not counted again.
     start : Noise or None
-        Noise of nearly the same trials about a similar model: a starting value that saves steps, if
-        it has the same sizes.
+        Noise of nearly the same trials about a similar model. It is a starting value that saves
+        steps, if it has the same sizes.
     source : str
         First part of `Noise.source`; the degrees of freedom of a typical trial's variance follow.
 

@@ -139,8 +139,9 @@ def force_unit(heading: str) -> str:
 
 
 def likely_force(channels: Sequence[Channel]) -> Channel | None:
-    """The one channel that may be the load cell: called a force, or in a unit of force; None where
-    there is none, or several are equally likely.
+    """The one channel that may be the load cell: called a force, or in a unit of force.
+
+    None where there is none, or several are equally likely.
     """
     ranks = [_rank(channel) for channel in channels]
     best = max(ranks, default=0)

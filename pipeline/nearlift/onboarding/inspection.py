@@ -37,8 +37,8 @@ COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "h
 class Inspection:
     """One file's contents, the reader that reads it, and what may be the force and its clock.
 
-    `columns` are the names given to those of a text that has none; `grid` is there for a velocity
-    grid, `table` for a list of trials.
+    `columns` are the names given to the columns of a text that has none. A velocity grid has
+    `grid`, a list of trials `table`.
     """
 
     path: Path

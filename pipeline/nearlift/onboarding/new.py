@@ -61,8 +61,8 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     line for each trial.
 
     `files` are records, one for each trial, and perhaps the schedule: a table of which a column
-    holds their names; or one long table of Parquet; or one table of means. A folder among them
-    means all plain files in it, hidden ones aside. `dialect` is how to read them, as
+    holds their names. Or they are one long table of Parquet, or one table of means. A folder among
+    them means all plain files in it, hidden ones aside. `dialect` is how to read them, as
     ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied
     into it.
 

@@ -34,8 +34,10 @@ BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
 
 @dataclass(frozen=True, kw_only=True)
 class ProposedSchedule:
-    """A trials.csv and what the manifest says of it: `units` of its columns (empty: unknown), the
-    columns that it is `lacking`, and whether its rows are in run order.
+    """A trials.csv and the manifest's statements about it.
+
+    These are the `units` of its columns (empty: unknown), the columns that it is `lacking`, and
+    whether its rows are in run order.
     """
 
     trials: pd.DataFrame

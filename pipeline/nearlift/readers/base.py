@@ -122,7 +122,8 @@ def unit_word(cell: str) -> str | None:
 
 
 def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Channel:
-    """The channel of that name: as written, else folded, else folded without its unit or its group;
+    """The channel of that name: as written, else folded, else folded without its unit or its group.
+
     `InputRefused` where there is none, or the name fits several.
     """
     names = tuple(c.name for c in channels)

@@ -1,5 +1,7 @@
-"""Times of day as seconds: ISO 8601 with or without a zone, another date before a time of day, AM
-and PM, minutes and seconds as spreadsheets write them.
+"""Times of day as seconds.
+
+The forms are ISO 8601 with or without a zone, another date before a time of day, and AM and PM.
+Minutes and seconds are read as spreadsheets write them.
 """
 
 from __future__ import annotations
@@ -29,11 +31,12 @@ def is_time(cell: str) -> bool:
 
 
 def seconds_of(cells: Sequence[str]) -> tuple[FloatArray, int | None]:
-    """Seconds from the first of these times (n,), NaN where a cell is blank; and the index of the
-    first cell that is no time, if there is one.
+    """Seconds from the first of these times (n,), and the index of the first cell that is no time.
 
-    A date in ISO 8601 counts. Without one, a time that falls by more than half a day (of minutes
-    and seconds: half an hour) is one of the next day (hour).
+    Seconds are NaN where a cell is blank. The index is None if every cell is a time or blank.
+
+    A date in ISO 8601 counts. Without one, a time that falls by more than half a day is one of the
+    next day. Times of minutes and seconds that fall by more than half an hour are of the next hour.
     """
     values, days, period = np.full(len(cells), np.nan), np.zeros(len(cells)), 0.0
     for i, cell in enumerate(cells):
@@ -67,8 +70,9 @@ def _divided(text: str) -> tuple[str, str]:
 
 
 def _parts(cell: str) -> tuple[float, int, float] | None:
-    """Seconds of the day, the day (0 without a date), and the period after which the seconds begin
-    again (0: never); None where the cell is no time.
+    """Seconds of the day, the day (0 without a date), and the seconds' period (0: none).
+
+    The seconds begin again after a period. None where the cell is no time.
     """
     plain = cell.strip(" \t[]()")
     date, of_day_text = _divided(plain)

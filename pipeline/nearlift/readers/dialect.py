@@ -1,10 +1,10 @@
 """The dialect of a text file, found strictly: one layout fits, or the file is refused.
 
 Each pair of separator and decimal sign is tried on the first lines. A pair fits if every line from
-the first row of numbers on has the same number of cells, numeric where those of the first row are,
-under a header of as many names. Two pairs that fit and read different numbers are ambiguous, and so
-is a comma that may part thousands. Nothing is guessed that the manifest states under
-``[records] dialect``.
+the first row of numbers on has the same number of cells. The cells are numeric where those of the
+first row are. The header has as many names. Two pairs that fit and read different numbers are
+ambiguous, and so is a comma that may part thousands. Nothing is guessed that the manifest states
+under ``[records] dialect``.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""Files that a manifest names: inside the campaign's folder, regular, one for each trial; plain,
-compressed by gzip, or a spreadsheet, whose first sheet is read.
+"""Files that a manifest names: inside the campaign's folder, regular, one for each trial.
+
+A file is plain, compressed by gzip, or a spreadsheet, whose first sheet is read.
 """
 
 from __future__ import annotations
@@ -66,8 +67,10 @@ class ReadingPlan:
 
 
 def inside(root: Path, relative: str, key: str) -> Path:
-    """The path of a file that a manifest names; `InputRefused` where it leads outside the
-    campaign's folder (by ``..`` or by a symbolic link), or is there but is no regular file.
+    """The path of a file that a manifest names.
+
+    `InputRefused` where it leads outside the campaign's folder, by ``..`` or by a symbolic link.
+    `InputRefused` also where it exists but is no regular file.
     """
     return _checked(root, relative, key)[0]
 
@@ -118,9 +121,11 @@ def source_of(root: Path, path: Path) -> str:
 
 
 def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
-    """File and size in bytes of each trial that has one, where the manifest's pattern gives one
-    file to every trial; `ManifestError` where it has no ``{trial}``, or a trial's id cannot be part
-    of a file name, `InputRefused` as by `inside`.
+    """File and size in bytes of each trial that has one, by the manifest's pattern of one file per
+    trial.
+
+    `ManifestError` where the pattern has no ``{trial}``, or a trial's id cannot be part of a file
+    name. `InputRefused` as by `inside`.
     """
     pattern = campaign.records.pattern
     if MARK not in pattern:

@@ -1,13 +1,12 @@
-"""Guarded process: files that a library parses are read by another process, whose memory and time
-are limited.
+"""Guarded process: another process reads files that a library parses, with limited memory and time.
 
 Foreign bytes can crash a C library, keep it busy without end, or unpack to any size. All this costs
 the one file that caused it. The process serves file after file, since its start takes about a
 second. It writes no file, imports nothing from the current folder, and ends with its parent. Its
 answers are bounded, and hold nothing but numbers, texts and the package's own types.
 
-It is no `ProcessPoolExecutor`: that one imports the user's script again, unpickles whatever a file
-that took over the process sends, and does not say why a process ended.
+It is no `ProcessPoolExecutor`. That one imports the user's script again, and does not say why a
+process ended. It also unpickles whatever a file that took over the process sends.
 """
 
 from __future__ import annotations

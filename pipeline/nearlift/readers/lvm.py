@@ -1,9 +1,9 @@
 """LVM, LabVIEW's measurement text, by an own parser that runs nothing and believes little.
 
-Two headers: one of the file, one for each segment. The rate in a segment's header (`Delta_X`) is a
-claim, held against the column `X_Value` where there is one; the number of `Samples` shows a cut
-file. Segments of one file are joined. A channel is called as in the file; where every channel has
-its own clock, that is ``NAME.X_Value``.
+Two headers: one of the file, one for each segment. The rate in a segment's header (`Delta_X`) is
+compared with the column `X_Value` where there is one. The number of `Samples` shows a cut file.
+Segments of one file are joined. A channel is called as in the file; where every channel has its own
+clock, that is ``NAME.X_Value``.
 """
 
 from __future__ import annotations

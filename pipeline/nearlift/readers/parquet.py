@@ -73,7 +73,7 @@ def spans(path: Path, wanted: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     Raises
     ------
     InputRefused
-        It lacks a wanted column (manifest's key to name), a row has no trial, or the rows of a
+        It lacks a wanted column (manifest's key to name). Or a row has no trial, or the rows of a
         trial do not follow one another.
     """
     rows: dict[str, tuple[int, int]] = {}

@@ -1,7 +1,8 @@
-"""Exported velocity grids: a table of dialects (OpenPIV, PIVlab, Insight, DaVis, Dantec, pivpy's
-netCDF), and their way into SI.
+"""Exported velocity grids: a table of dialects, and their conversion to SI.
 
-A text dialect is a function from a header to a `Header`; one reader reads all of them, and checks
+The dialects are OpenPIV, PIVlab, Insight, DaVis, Dantec and pivpy's netCDF.
+
+A text dialect is a function from a header to a `Header`. One reader reads all of them, and checks
 rows, column counts and promised sizes. A number that a header states must agree with the manifest.
 A vector that is exactly (0, 0) is missing: correlating software writes it where it found nothing.
 """
@@ -56,8 +57,8 @@ class Setting:
 class Raw:
     """One field as a file holds it, rows (n,) in any order, and what the file states of units.
 
-    v is positive along the file's y unless the manifest says otherwise; `good` marks measured
-    vectors, `noise` is the standard uncertainty of a component, in the velocity's unit.
+    v is positive along the file's y unless the manifest says otherwise. `good` marks measured
+    vectors. `noise` is the standard uncertainty of a component, in the velocity's unit.
     """
 
     x: FloatArray
@@ -504,8 +505,10 @@ def _version_73(path: Path) -> dict[str, list[Any]]:
 
 
 def netcdf_fields(path: Path) -> Iterator[Raw]:
-    """Every time of a netCDF file in pivpy's layout, in order: dimensions x, y, t; variables u, v
-    and the choice code chc (1 is measured); units as attributes.
+    """Every time of a netCDF file in pivpy's layout, in order.
+
+    The layout has dimensions x, y, t, variables u, v and the choice code chc (1 is measured). Units
+    are attributes.
     """
     if head_of(path, 3) == b"CDF":
         remedy = "write netCDF-4: dataset.to_netcdf(path, engine='h5netcdf')"
@@ -641,8 +644,9 @@ def claimed_by(path: Path) -> GridDialect:
 
 
 def raws(path: Path, dialect: GridDialect) -> Iterator[Raw]:
-    """The fields of one file as they are in it; `InputRefused` as by the dialect's own reader, or
-    where that crashed or came to a limit.
+    """The fields of one file as they are in it.
+
+    `InputRefused` as by the dialect's own reader, or where that crashed or came to a limit.
     """
     if not dialect.guarded:
         yield from dialect.read(path)

@@ -69,8 +69,9 @@ class Ramp:
 
 
 def moves(force: FloatArray) -> bool:
-    """Whether a record's force (n,), rest aside, takes lifts far apart, whatever reading rest has:
-    a zero that is not tared and one lift are one trial.
+    """Whether a record's force (n,), rest aside, takes lifts far apart.
+
+    The reading at rest may be any: a zero that is not tared and one lift are one trial.
     """
     means = _means(force[np.isfinite(force)])
     return len(force) >= FEWEST and _apart(means) and _apart(means - means[0])
@@ -94,8 +95,10 @@ def _means(values: FloatArray) -> FloatArray:
 
 
 def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp | None:
-    """The sweep in the record of one trial, if any; `NearliftError` where it cannot be read,
-    or its reader knows nothing of a record's other columns.
+    """The sweep in the record of one trial, if any.
+
+    `NearliftError` where it cannot be read, or its reader knows nothing of a record's other
+    columns.
     """
     reader, spec = cutting(reader), ChannelSpec.from_manifest(campaign)
     contents = reader.open(path, reader.checked_dialect(campaign.records.dialect))
@@ -143,8 +146,9 @@ def ramp_of(
 
 
 def _times(levels: Sequence[cuts.Cut], samples: int, rate_Hz: float | None) -> list[str] | None:
-    """`settle` and `shortest` that leave most of these levels, tried on them; None where the
-    command is a ramp: its levels are few, cover too little, or are too short.
+    """`settle` and `shortest` that leave most of these levels, tried on them.
+
+    None where the command is a ramp: its levels are few, cover too little, or are too short.
     """
     held = [b - a for a, b in levels]
     if len(held) < FEWEST_LEVELS or sum(held) <= 0.5 * samples:

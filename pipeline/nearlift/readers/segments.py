@@ -1,5 +1,7 @@
-"""A record of many trials cut into pieces: at the steps of a column or of the force, at lines of
-text, or into windows; each piece with its samples and the means of other columns.
+"""A record of many trials cut into pieces.
+
+The cuts are at the steps of a column or of the force, at lines of text, or into windows. Each piece
+has its samples and the means of other columns.
 """
 
 from __future__ import annotations
@@ -89,8 +91,8 @@ class CutPiece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Segmented:
-    """A record cut into pieces. `record` is the whole of it, `cuts` where it was cut, in samples of
-    the whole, `at_rest` how many pieces have no throttle, or are the tare.
+    """A record cut into pieces. `record` is the whole of it, and `cuts` are its cuts, in samples of
+    the whole. `at_rest` counts the pieces that have no throttle, or are the tare.
     """
 
     record: Record

@@ -7,8 +7,8 @@ manifest's. The clock of averaged step tests runs backwards between its first ro
 rows is kept.
 
 Tyto Robotics' Flight Stand, software version 2, calls its columns ``Powertrain 1 - force Fz
-(thrust) (N)``. Its micro sign is a Greek letter and its product sign a dot operator, where
-RCbenchmark's are U+00B5 and U+00B7: names are folded before they are compared.
+(thrust) (N)``. Its micro sign is a Greek letter and its product sign a dot operator. RCbenchmark's
+are U+00B5 and U+00B7. So names are folded before they are compared.
 
 The Crazyflie's system identification CSV is ``weight[g],pwm,vbat[V],rpm1,...`` or
 ``...,thrust[g]``, without a clock. Grams are gram-force. The craft hangs upside down and weights

@@ -163,8 +163,10 @@ class Layout:
         raise InputRefused(at, f"{cell!r} in column {column!r} is not a number", remedy)
 
     def row(self, line: str, at: str) -> list[str]:
-        """The cells of one line, one for each column; `InputRefused` where they are too few, too
-        many, labelled otherwise, or the header again, or where the line holds NUL bytes.
+        """The cells of one line, one for each column.
+
+        `InputRefused` where they are too few, too many, labelled otherwise, or the header again.
+        `InputRefused` also where the line holds NUL bytes.
         """
         refuse_nul(line, at)
         names = list(self.names)
@@ -322,8 +324,8 @@ def parse(
     Raises
     ------
     InputRefused
-        A line has too few or too many cells or holds NUL, a cell of `numbers` is no number, or the
-        bytes are no UTF-8. The refusal names the line.
+        A line has too few or too many cells or holds NUL. Or a cell of `numbers` is no number, or
+        the bytes are no UTF-8. The refusal names the line.
     """
     columns = None if b"\0" in rows.body else by_arrow(rows, layout, numbers, texts)
     return by_line(rows, layout, numbers, texts) if columns is None else columns

@@ -1,9 +1,9 @@
 """TDMS of National Instruments, by nptdms.
 
 A channel is called ``group/channel``. Unit from `unit_string` or `NI_UnitDescription`, rate from
-`wf_increment`. A file whose last segment is incomplete, or whose segments' lengths do not add up to
-its own, is called truncated; one cut exactly between two segments shows it by nothing but the
-number of its samples, so say `record` under [load_cell]. An index file next to it is never used:
+`wf_increment`. A file is called truncated if its last segment is incomplete, or its segments'
+lengths do not add up to its own. A file cut exactly between two segments shows it only by the
+number of its samples. So state `record` under [load_cell]. An index file next to it is never used:
 it may be older.
 """
 
@@ -61,11 +61,12 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
 
 
 def whole(file: BinaryIO) -> bool:
-    """Whether the segments' own lengths add up to the file's: a cut within a segment's head escapes
-    nptdms's flag.
+    """Whether the segments' own lengths add up to the file's.
 
-    A lead-in is a tag, a table of contents (whose bit 6 says big endian), a version, and the bytes
-    to the next lead-in and to the samples.
+    nptdms's flag misses a cut within a segment's head.
+
+    A lead-in is a tag, a table of contents, a version, and the bytes to the next lead-in and to the
+    samples. Bit 6 of the table of contents means big endian.
     """
     size, at = file.seek(0, 2), 0
     while at + LEAD_IN <= size:

@@ -1,5 +1,7 @@
-"""Delimited text: in any usual dialect, as plain CSV, as a spreadsheet's first sheet, or as numbers
-without a header by recipe; one file per trial.
+"""Delimited text, one file per trial.
+
+It is in any usual dialect, plain CSV, a spreadsheet's first sheet, or numbers without a header by
+recipe.
 
 The dialect of the first bytes holds for the whole file: a later line that breaks it is refused with
 its number. It is found once for files that begin alike. A last line without its end is left out,
@@ -292,8 +294,8 @@ def _parted(whole: Contents, said: Dialect, where: str) -> Contents:
     Raises
     ------
     InputRefused
-        An ignored line is within a row, or a clock, by its name or its first numbers, does not
-        only grow: a line is lost.
+        An ignored line is within a row. Or a clock does not only grow: a line is lost. A clock is
+        known by its name or its first numbers.
     """
     if not whole.channels:
         return whole

@@ -35,8 +35,8 @@ def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
     Raises
     ------
     InputRefused
-        A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame
-        time; every vector is zero or missing; the grid is not rectangular and even.
+        A unit is unknown or contradicts the manifest. Pixels have no scale, or displacements no
+        frame time. Every vector is zero or missing. The grid is not rectangular and even.
     """
     file = raw.stated
     length = _one(file.length_unit, setting.length_unit, "length_unit", '"mm"', where)
@@ -129,9 +129,10 @@ def _factor(unit: str, dimension: str, where: str) -> float:
 
 
 def files_of(root: Path, case: PivCase) -> list[Path]:
-    """Every file of a case, in the order of the numbers in their names; `ManifestError` where the
-    pattern leads outside the campaign's folder, or matches nothing, `InputRefused` where a file
-    leads outside by a link, or is no regular file.
+    """Every file of a case, in the order of the numbers in their names.
+
+    `ManifestError` where the pattern leads outside the campaign's folder, or matches nothing.
+    `InputRefused` where a file leads outside by a link, or is no regular file.
     """
     where = f"piv case {case.name!r}: files"
     if Path(case.files).is_absolute() or ".." in Path(case.files).parts:

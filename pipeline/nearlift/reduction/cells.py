@@ -1,8 +1,8 @@
 """Trials to cells: mean lift and Delta L per (boundary, distance, throttle), with the full
 covariance of Delta L.
 
-Delta L = (L - L_inf) / L_inf; every cell of a throttle shares one L_inf, so their errors hang
-together, and the throttles of one visit of the traverse share that visit's height. Delta L is for
+Delta L = (L - L_inf) / L_inf. Every cell of a throttle shares one L_inf, so their errors are
+correlated. The throttles of one visit of the traverse share that visit's height. Delta L is for
 tables and figures: fits work on the trials themselves.
 """
 
@@ -41,8 +41,8 @@ class Scatter:
 class Cells:
     """One boundary's cells, ordered by throttle, then distance; arrays of shape (c,).
 
-    `whole` is the covariance of all means, those in free air included; `near` which of them are
-    these cells; `mean` the means (N), and `far` the index of each one's L_inf among them.
+    `whole` is the covariance of all means, those in free air included. `near` selects these cells
+    among them. `mean` are the means (N). `far` is the index of each one's L_inf among them.
     """
 
     z_hat: FloatArray
@@ -80,8 +80,9 @@ def reduce(
     u_lift_N: FloatArray,
     visit: NDArray[Any],
 ) -> Cells:
-    """Cells of the accepted trials of one boundary, from their columns of trials.parquet (n,);
-    free-air trials have z_hat = inf and serve as L_inf where present.
+    """Cells of the accepted trials of one boundary, from their columns of trials.parquet (n,).
+
+    Free-air trials have z_hat = inf and serve as L_inf where present.
     """
     order = np.lexsort((z_hat, throttle))
     keys = np.stack([throttle[order], z_hat[order]])

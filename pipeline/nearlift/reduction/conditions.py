@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """Nominal sample rate, rotors-stopped head and what is discarded after it, and what the quality
-    codes are judged by: the capacity `range_N` of the load cell, and fractions, from ``[quality]``:
-    of the trial's lift that the drift over the record may reach; of the samples that may be absent;
-    of the samples that may hold no number.
+    """Nominal sample rate, rotors-stopped head, settling time and limits of the quality codes.
+
+    `range_N` is the capacity of the load cell. The fractions are from ``[quality]``. `drift` is the
+    largest drift over the record, as a fraction of the trial's lift. `missing` is the fraction of
+    the samples that may be absent. `out_of_range` is the fraction that may hold no number.
     """
 
     rate_Hz: float

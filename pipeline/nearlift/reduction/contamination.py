@@ -83,11 +83,13 @@ def far_samples(values: FloatArray, step: float) -> BoolArray:
 
 
 def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> BoolArray | None:
-    """Mask of readings that no force explains, such as a converter's error codes; None where there
-    is none, or where they are a whole part of the record.
+    """Mask of readings that no force explains, such as a converter's error codes.
 
-    `other` is the mean of the part of the record that borders on this one at its `first` sample, or
-    else at its last: samples there between the two levels are rotors that start.
+    None where there is none, or where they are a whole part of the record.
+
+    `other` is the mean of the part of the record that borders on this one. It borders at this
+    part's `first` sample, or else at its last. Samples there between the two levels are rotors that
+    start.
     """
     few = values[:: max(1, len(values) // FIRST_LOOK)]
     level = median(few)
@@ -115,8 +117,10 @@ def are_single(mask: BoolArray, largest_share: float = LARGEST_SHARE) -> bool:
 
 
 def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
-    """By how much the most outlying segment moves the mean, such as a block of damage or a
-    second level (0 if none does), and whether it is at the beginning.
+    """Shift of the mean by the most outlying segment (0 if none), and whether that is at the
+    beginning.
+
+    Such a segment is a block of damage or a second level.
 
     It is the segment that explains most of the squares of the blocks' means: the longer it is, the
     smaller a change shows. The noise about the two levels leaves out the two blocks that fit worst,
@@ -153,8 +157,8 @@ def stepped(means: FloatArray, allowed_N: float) -> bool:
     is allowed.
 
     The best split into two levels must leave less than half of the squares that the best straight
-    line leaves, and the step must be six times the scatter about the levels: a drift, however
-    strong, is no step (two levels leave a quarter of a ramp's squares, a line none).
+    line leaves. The step must be six times the scatter about the levels. So a drift, however
+    strong, is no step: two levels leave a quarter of a ramp's squares, a line none.
     """
     n = len(means)
     # no two levels lie farther apart than the means do
@@ -186,8 +190,7 @@ def ends_apart(values: FloatArray, step: float) -> float:
 
 
 def wander(values: FloatArray, means: FloatArray, step: float) -> float:
-    """How far the level goes up or down from its middle, by a cubic through the blocks' `means`,
-    where that is more than noise; else 0.
+    """Half range of the level, by a cubic through the blocks' `means`; 0 if it is only noise.
 
     A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes
     for noise.

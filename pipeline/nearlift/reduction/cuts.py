@@ -28,8 +28,10 @@ PENALTY = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Span:
-    """A piece of a record: its number, from 1 in the record's order, its first sample, the first
-    that is settled, and one past the last.
+    """A piece of a record.
+
+    It has its number, from 1 in the record's order, and three samples: its first, its first
+    settled, and one past the last.
     """
 
     number: int
@@ -51,8 +53,10 @@ class Cuts:
 
 
 def by_level(values: FloatArray, hold: float = 0.0) -> list[Cut]:
-    """Stretches in which all samples lie within `hold` of each other, each as long as it can be
-    from its first sample on; samples without a number are a stretch of their own.
+    """Stretches in which all samples lie within `hold` of each other.
+
+    Each is as long as it can be from its first sample on. Samples without a number are a stretch of
+    their own.
     """
     if len(values) == 0:
         return []
@@ -74,8 +78,9 @@ def by_level(values: FloatArray, hold: float = 0.0) -> list[Cut]:
 
 
 def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
-    """Stretches of constant mean: the partition of least squared error, each change of which gains
-    more than noise would; neighbours less than `step` apart are one.
+    """Stretches of constant mean: the partition of least squared error.
+
+    Each change gains more than noise would. Neighbours less than `step` apart are one.
 
     Values (n,) without a number count as the one before. `smallest` are the samples of the shortest
     piece that is of use: it sets the grid, and no change is missed between two such pieces.

@@ -2,20 +2,21 @@
 means.
 
 The standard error is made from batch means. A rotor tone (61 Hz and its like) is no noise of the
-mean: it averages out within each batch, while estimators that add up autocorrelations are fooled by
-it. Three choices make the batches right:
+mean: it averages out within each batch. Estimators that add up autocorrelations are fooled by it.
+Three choices make the batches right:
 
-* they are long, a sixteenth of the record (an eighth of the tare) and at least 60 ms, so that slow
-  noise is counted: u is 4 % low where the noise remembers for a twelfth of the tare's batch, 13 %
-  for a fifth (measured in tests/reduction/test_record.py);
-* each is weighted with a Hann window, so that a tone which does not fit a whole number of times
-  leaks 30 dB less than from plain batches. For white noise the weighted means have ``sum(w^2) /
-  sum(w)^2`` of the samples' variance, which is divided out;
-* they overlap by half, which wins back the efficiency that the window costs.
+* They are long, so that slow noise is counted: a sixteenth of the record (an eighth of the tare)
+  and at least 60 ms. Noise that remembers for a twelfth of the tare's batch makes u 4 % low. For a
+  fifth it is 13 % (measured in tests/reduction/test_record.py).
+* Each is weighted with a Hann window. So a tone which does not fit a whole number of times leaks
+  30 dB less than from plain batches. For white noise the weighted means have ``sum(w^2) /
+  sum(w)^2`` of the samples' variance, which is divided out.
+* They overlap by half, which wins back the efficiency that the window costs.
 
 What results is the noise's spectral density at frequency zero, S0 (N^2 per sample), and u^2 = S0 /
-n. Where batches far apart are alike, noise outlasts a batch: `nearlift.reduction.slow_noise` then
-says how far the mean is off, and the code `slow` tells where no record of this length can.
+n. Where batches far apart are alike, noise outlasts a batch. `nearlift.reduction.slow_noise` then
+estimates the error of the mean. The code `slow` marks trials for which no record of this length
+can.
 """
 
 from __future__ import annotations

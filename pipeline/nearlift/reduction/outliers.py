@@ -2,12 +2,12 @@
 before any model.
 
 A trial is compared with the other trials of its (distance, throttle) cell; what remains, with that
-of the other trials of its visit. What moves a whole visit (its height, a drift, a gain) cancels,
-and so does what moves a whole cell (the curve, a rotor that stalls): an undeclared effect
-is no outlier. The scale is the median absolute deviation over the campaign. How far noise reaches
-is not assumed to be normal: Student's t is fitted to the larger part of the contrasts, its degrees
-of freedom unknown and integrated over, the largest contrasts only counted, so that an outlier does
-not widen the tail that it is judged by.
+of the other trials of its visit. What moves a whole visit (its height, a drift, a gain) cancels. So
+does what moves a whole cell (the curve, a rotor that stalls). Hence an undeclared effect is no
+outlier. The scale is the median absolute deviation over the campaign. The noise is not assumed to
+be normal. Student's t is fitted to the larger part of the contrasts. Its degrees of freedom are
+unknown and integrated over. The largest contrasts are only counted, so that an outlier does not
+widen the tail that it is judged by.
 
 Sources: Hampel 1974, J. Am. Stat. Assoc. 69, 383 (median and its deviation); Rosner 1983,
 Technometrics 25, 165 (several outliers at once).
@@ -55,9 +55,9 @@ NEAREST = 6
 class Screen:
     """The outliers among n trials, by arrays (n,).
 
-    Those `outlying` are beyond what noise allows at the rate of `FAMILY_WISE` for all together;
-    `departure` is log lift less that of repeats and neighbours, nan for a trial that has none, and
-    `sigmas` the same over its robust scale. `why_not` says why nothing could be screened.
+    Those `outlying` are beyond what noise allows at the rate of `FAMILY_WISE` for all together.
+    `departure` is log lift less that of repeats and neighbours, nan for a trial that has none.
+    `sigmas` is `departure` over its robust scale. `why_not` says why nothing could be screened.
     """
 
     outlying: BoolArray
@@ -79,12 +79,14 @@ def screen(
     *,
     curve_removed: bool = False,
 ) -> Screen:
-    """Compare each of n trials of one boundary with its repeats and neighbours; one that takes part
-    in a median which another outlier spoils is judged again without that one.
+    """Compare each of n trials of one boundary with its repeats and neighbours.
+
+    A trial that takes part in a median which another outlier spoils is judged again without that
+    one.
 
     Arrays are (n,): natural logarithm of lift, distance over rotor radius (inf in free air),
-    throttle, stop of the traverse. With `curve_removed`, `log_lift` is what a fitted curve leaves
-    of it, and a trial without repeats or visit mates is compared with those nearest in distance at
+    throttle, stop of the traverse. With `curve_removed`, `log_lift` is the residual from a fitted
+    curve. A trial without repeats or visit mates is then compared with those nearest in distance at
     its throttle.
     """
     n = len(log_lift)
@@ -266,9 +268,9 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
 def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
     """Chance that Student's t with `dof` >= 2 degrees of freedom exceeds `x` > 0, to 14 digits.
 
-    With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x,
-    which Gauss and Legendre integrate over the fourth root of a. The part of scipy for it takes
-    longer to load than a thousand records to reduce.
+    With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x.
+    Gauss-Legendre quadrature integrates it over the fourth root of a. The part of scipy for it
+    takes longer to load than a thousand records to reduce.
     """
     v, weight = _gauss_legendre()
     angle, power = np.arctan2(np.sqrt(dof), x)[..., None], dof[..., None]

@@ -49,11 +49,11 @@ def lengths(
 ) -> None:
     """Add `short` or `SHORT` to the codes of records with too few samples.
 
-    Where a length is planned, `samples` of each record (tare included) are held against it: below
+    Where a length is planned, `samples` of each record (tare included) are compared with it. Below
     ``1 - missing`` of it the trial is rejected, and any sample that lacks is remarked on. Elsewhere
-    `n`, the samples averaged, are held against their median: below half of it a trial was aborted;
-    between there and ``1 - missing`` it is rejected only if its file is cut off, since a lab may
-    well measure for different times.
+    `n`, the samples averaged, are compared with their median. Below half of it a trial was aborted.
+    Between there and ``1 - missing`` it is rejected only if its file is cut off. A lab may well
+    measure for different times.
     """
     if planned is not None and samples is not None:
         for i, length in enumerate(samples):
@@ -69,14 +69,15 @@ def lengths(
 
 
 def planned_length(samples: IntArray, record_s: float, rate_Hz: float, missing: float) -> None:
-    """Hold the usual length of the records, `samples` (n,) with the tare in them and 0 for none,
-    against the planned one, `record_s` at `rate_Hz`.
+    """Compare the usual length of the records with the planned one, `record_s` at `rate_Hz`.
+
+    `samples` (n,) includes the tare; it is 0 for no record.
 
     Raises
     ------
     InputRefused
-        They differ by more than the fraction `missing`: either the rate is wrong or the plan, and
-        the rate that the records would have is proposed.
+        They differ by more than the fraction `missing`. Either the rate is wrong or the plan. The
+        rate that the records would have is proposed.
     """
     whole = samples[samples > 0]
     if len(whole) == 0:
@@ -121,8 +122,8 @@ def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str
     Raises
     ------
     InputRefused
-        The largest far lift is more than 15 times the weight, less than a hundredth (a quarter at a
-        throttle of 75 % and more), or negative.
+        The largest far lift is more than 15 times the weight, or negative. Or it is less than a
+        hundredth (a quarter at a throttle of 75 % and more).
     """
     levels = [
         (side, throttle, lift)
@@ -236,9 +237,9 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> BoolArray:
 def other_throttle(table: Mapping[str, NDArray[Any]]) -> BoolArray:
     """Trials that lift as those of another throttle do at their place: their label may be wrong.
 
-    Such a trial is six times the usual scatter off its own throttle's median, and within three
-    times of another's, of five trials or more each: a supply that sags moves lift too, but it does
-    not land on another throttle whose trials repeat well.
+    Such a trial is more than six times the usual scatter off its own throttle's median. It is
+    within three times of another's. Each throttle has five trials or more. A supply that sags moves
+    lift too, but not onto another throttle whose trials repeat well.
     """
     lift = np.asarray(table["lift_N"], dtype=float)
     good = np.flatnonzero(~rejected(table["quality"]) & np.isfinite(lift))

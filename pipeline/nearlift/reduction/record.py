@@ -40,8 +40,8 @@ class Reduced:
 
     NaN (and n = 0) where no sample was left. `n_removed` counts the readings of tare and live part
     that were left out as impossible or far from all others. `n_eff` = variance of a sample over
-    variance of the mean of the live part, at most n; `u_lift_N` has the tare's standard error in
-    it, which `u_zero_N` is by itself.
+    variance of the mean of the live part, at most n. `u_lift_N` includes the tare's standard error,
+    which `u_zero_N` is by itself.
     """
 
     lift_N: float = math.nan
@@ -67,16 +67,16 @@ def reduce_record(
 ) -> Reduced:
     """Reduce one record: lift `force_N` (n,), up positive, tare included, NaN where unreadable.
 
-    Gaps are seen by the record's clock, `time_s` (n,), where there is one, and tare and settle then
-    end by it; else by counting samples. The zero reading after the trial, `tare_after_N`, only
-    judges the drift of the zero: the tare subtracted is that of the head, or, where the record is a
-    piece of a longer one, `tare_N` (m,). `codes` are what the reader noticed.
+    The record's clock, `time_s` (n,), where there is one, shows gaps and ends tare and settle; else
+    samples are counted. The zero reading after the trial, `tare_after_N`, only judges the drift of
+    the zero. The tare subtracted is that of the head. Where the record is a piece of a longer one,
+    it is `tare_N` (m,). `codes` are what the reader noticed.
 
     Raises
     ------
     InputRefused
-        The clock runs at another rate than the manifest says (by more than 1 %, and by more than
-        a sample over the record).
+        The clock runs at another rate than the manifest says. The difference is more than 1 %, and
+        more than a sample over the record.
     """
     flags, rate_Hz = list(codes), conditions.rate_Hz
     if not UNREADABLE.isdisjoint(flags):

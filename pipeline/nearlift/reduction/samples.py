@@ -85,9 +85,9 @@ def stuck(live: FloatArray, run: Stretch) -> list[str]:
 def clipped(live: FloatArray, run: Stretch) -> list[str]:
     """Whether the record is clipped, somewhere below the cell's range.
 
-    It is where it stays at its own extreme for ten samples in a row, or, where the tone brings it
-    there and back, for one sample in two hundred while hardly any other value occurs twice. A
-    coarse cell repeats itself anywhere.
+    It is where it stays at its own extreme for ten samples in a row. Where the tone brings it there
+    and back, one sample in two hundred is enough if hardly any other value occurs twice. A coarse
+    cell repeats itself anywhere.
     """
     n = run.n
     if run.repeats < 9:
@@ -112,8 +112,10 @@ def _longest_run(at: NDArray[np.intp]) -> int:
 # a damaged clock may hold anything: it then has no steady rate
 @np.errstate(over="ignore", invalid="ignore")
 def clock_codes(time_s: FloatArray, conditions: Conditions, where: str) -> list[str]:
-    """Gaps and stumbles of a clock column; refuses one that runs at another rate, by more than 1 %
-    and by more than a sample over the whole.
+    """Gaps and stumbles of a clock column.
+
+    A clock that runs at another rate, by more than 1 % and by more than a sample over the whole, is
+    refused.
     """
     rate_Hz = conditions.rate_Hz
     if steady(time_s, rate_Hz):

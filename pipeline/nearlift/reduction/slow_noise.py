@@ -2,17 +2,16 @@
 means).
 
 Batch means take no notice of noise that remembers for longer than a batch. Here a record is cut
-into finer ones and asked how alike they are: correlation exp(-|t| / tau) with white noise, its
-time and its share on a grid, each weighed by its restricted likelihood.
+into finer ones to estimate their correlation. The model is correlation exp(-|t| / tau) with white
+noise. Its time and its share are on a grid, each weighed by its restricted likelihood.
 
-* Whether there is slow noise is judged by contrasts with a straight line: a drift has its own code.
-  Odds of a hundred against white noise are asked for, which white noise reaches in at most one
-  stretch of a hundred (Markov's inequality); all others keep the batch means' number to the last
-  bit.
-* How far the mean is off is the geometric mean of what each time and share says, by contrasts with
-  a constant.
-* Where the time is rather more than a quarter of the record than less, a record cannot tell it from
-  longer ones: then it is what the longest says, which is a guess on the large side.
+* Contrasts with a straight line decide whether there is slow noise: a drift has its own code. Odds
+  of a hundred against white noise are required. White noise reaches them in at most one stretch of
+  a hundred (Markov's inequality). All others keep the batch means' number to the last bit.
+* The error of the mean is the weighted geometric mean of the estimates by each time and share, from
+  contrasts with a constant.
+* Where the time is rather more than a quarter of the record than less, a record cannot distinguish
+  it from longer ones. Then the error is at least that of the longest, a guess on the large side.
 """
 
 from __future__ import annotations
@@ -102,10 +101,11 @@ def _weigh(means: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
 class _Space(NamedTuple):
     """Contrasts of `m` means with a polynomial, `c` of them, and what slow noise is there.
 
-    `white` (c, m) makes contrasts of means, of unit covariance where noise is white and a batch
-    mean's variance is one; along `axes` (times, c, c), orthonormal columns, slow noise of each time
-    is uncorrelated. `variances` (times, shares, c) are those along the axes, `log_determinants`
-    (times, shares) the log of their product, `of_mean` the variance of the record's mean.
+    `white` (c, m) makes contrasts of means. They have unit covariance where noise is white and a
+    batch mean's variance is one. Along `axes` (times, c, c), orthonormal columns, slow noise of
+    each time is uncorrelated. `variances` (times, shares, c) are those along the axes.
+    `log_determinants` (times, shares) is the log of their product, `of_mean` the variance of the
+    record's mean.
     """
 
     white: FloatArray
@@ -131,11 +131,12 @@ def _space(m: int, degree: int) -> _Space:
 
 @functools.lru_cache(maxsize=64)
 def _first_look(m: int) -> FloatArray:
-    """A quadratic form that is negative where means speak for slow noise, which one white record in
-    forty does; (m, m).
+    """Quadratic form (m, m) that is negative where means indicate slow noise.
 
-    It is the ratio of their squares, weighed for slow noise and for white, less its mean under
-    white noise, plus `LET_THROUGH` of its standard deviations there (both are exact).
+    One white record in forty makes it negative.
+
+    It is the ratio of their squares, weighed for slow noise and for white. Its mean under white
+    noise is subtracted, and `LET_THROUGH` of its standard deviations there added. Both are exact.
     """
     white = _whitener(m, LINE)
     along, axes = _along(white, _exponential(m, (m + 1) * TYPICAL_TIME)[0])

@@ -29,8 +29,9 @@ class RotorStart(NamedTuple):
 
 
 def start_of(force: FloatArray, rate_Hz: float) -> RotorStart | None:
-    """The start of the rotors in a record of one lift with its rest head; None where there is no
-    head, or it cannot be seen.
+    """The start of the rotors in a record of one lift with its rest head.
+
+    None where there is no head, or it is not detectable.
 
     Rest is the level of the first samples, lift that of the second half.
     """

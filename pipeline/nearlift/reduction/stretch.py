@@ -19,11 +19,12 @@ MOST_KEPT = 1 << 20
 class Stretch(NamedTuple):
     """Sums over n samples; `away` is a sample less the mean.
 
-    `batches` (b,) are means of away, weighted with a Hann window and overlapping by half (away
-    itself where it is cut into none), `gain` the sum of the window's squared weights; `squares` is
-    the sum of away^2, `tilt` that of away times the sample's number less the middle one. `low` and
-    `high` are the extremes; `repeats`, `at_low`, `at_high` and `far` count the samples that repeat
-    the one before, are at either, and lie more than six standard deviations away.
+    `batches` (b,) are means of away, weighted with a Hann window and overlapping by half. They are
+    away itself where it is cut into none. `gain` is the sum of the window's squared weights.
+    `squares` is the sum of away^2, `tilt` that of away times the sample's number less the middle
+    one. `low` and `high` are the extremes. `repeats` counts the samples that repeat the one before,
+    `at_low` and `at_high` those at either extreme. `far` counts those more than six standard
+    deviations away.
     """
 
     n: int
@@ -113,8 +114,9 @@ def steady(clock: FloatArray, rate_Hz: float) -> bool:
 
 
 def usual_step(steps: FloatArray) -> float:
-    """The usual step of a clock: the mean of those near the median one, for stamps may be rounded
-    to 12 and 13 ms; 0 where there is none.
+    """The usual step of a clock: the mean of those near the median one; 0 where there is none.
+
+    The median alone does not suffice: stamps may be rounded to 12 and 13 ms.
     """
     middle = float(np.median(steps)) if len(steps) else 0.0
     near = steps[np.abs(steps - middle) < 0.5 * abs(middle)]

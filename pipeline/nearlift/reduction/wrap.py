@@ -18,8 +18,8 @@ def wrap_of(force: FloatArray, largest: float | None = None) -> float | None:
     """The size of a jump from one sample to the next that lasts and is no force; None where there
     is none.
 
-    It is above the `largest` force that is possible; or, where that is not known, tens of thousands
-    of standard deviations, or all codes of a counter.
+    It is above the `largest` force that is possible. Where that is not known, it is tens of
+    thousands of standard deviations, or all codes of a counter.
     """
     known = force[np.isfinite(force)]
     if len(known) < 4 * LASTS:

@@ -56,7 +56,7 @@ class PosteriorParameter(DrawnEstimate):
     Attributes
     ----------
     ess, ess_tail, tau : float
-        Effective draws of the mean and of the ends of the 90 % interval; autocorrelation time in
+        Effective draws of the mean and of the ends of the 90 % interval. Autocorrelation time in
         steps, 1 for independent draws.
     width_ratio : float
         Of the 90 % intervals after and before.
@@ -65,7 +65,7 @@ class PosteriorParameter(DrawnEstimate):
     width_over_fit : float
         Of the 90 % intervals of the draws and of least squares.
     words, unlike_fit : str
-        Where they matter; the second why the posterior is unlike the fit.
+        Where they matter. The second states why the posterior is unlike the fit.
     """
 
     ess: Real

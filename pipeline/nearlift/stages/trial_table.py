@@ -1,9 +1,9 @@
 """Trial table of the report: every trial from its file to the figures, and the influence of each
 exclusion.
 
-The base model is fitted again with excluded trials put back: all of them, those of each quality
-code, and the first few one by one. The noise is that of the accepted trials.
-The influence of a trial that the fit names is that of a fit without it.
+The base model is fitted again with excluded trials put back. They return all together, by quality
+code, and the first few one by one. The noise is that of the accepted trials. The influence of a
+trial that the fit names is that of a fit without it.
 """
 
 from __future__ import annotations

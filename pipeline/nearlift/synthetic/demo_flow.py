@@ -64,8 +64,9 @@ def wakes(bench: SimulatedBench) -> dict[str, Wake]:
 
 
 def _tilted(tilt_deg: float) -> tuple[float, tuple[Blob, ...]]:
-    """A second pair of vortices above the fountain's own at the steepest positive tilts; a single
-    counter-clockwise one in its place at negative tilts: as the paper describes.
+    """A second pair of vortices above the fountain's own at the steepest positive tilts.
+
+    At negative tilts a single counter-clockwise one is in its place. The paper describes both.
     """
     lean = 0.015 * tilt_deg
     if tilt_deg > 3:

@@ -1,9 +1,9 @@
 """Stations of the paper's Table 1, read as hundredths of a rotor diameter.
 
 Table 1 of Carter, Bouchard and Quinn 2021 prints distances to 577 "cm" for a traverse in a room of
-1.5 m. Read as hundredths of a rotor diameter (0.46 mm) it meets every claim of the text but one:
-nothing lies between z_hat = 2.84 and 11.5 above the ground, which is said to matter to 4. Read as
-millimetres it begins at z_hat = 2.48, too far for the gains that the paper reports.
+1.5 m. Read as hundredths of a rotor diameter (0.46 mm) it meets every claim of the text but one.
+Nothing lies between z_hat = 2.84 and 11.5 above the ground. The text says that the ground matters
+to 4. Read as millimetres it begins at z_hat = 2.48, too far for the gains that the paper reports.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ class BenchNoise:
     sample_N : float
         White noise of a sample, sd.
     tone_N, tone_Hz : float
-        Rotor tone at the largest throttle: amplitude (it grows with lift) and frequency (with the
-        root of lift, as a rotor's does). There is none while the rotors are at rest.
+        Rotor tone at the largest throttle: amplitude and frequency. Amplitude grows with lift,
+        frequency with the root of lift, as a rotor's does. At rest there is no tone.
     drift_N : float
         Slow drift of the zero over a record, sd of the change from its head to its end.
     zero_N : float

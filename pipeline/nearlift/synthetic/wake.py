@@ -6,12 +6,13 @@ Each jet is symmetric about its axis and has a stream function Q, so that no air
 
 with T(m) = m for small m, the core, and 1 outside, the rest, and m the smaller (smoothly) of two:
 
-- the free jet's rho^2 / a(y)^2, whose radius a follows from the speed on the axis of a vortex
-  cylinder, V/2 (1 + s / sqrt(1 + s^2)) at s radii beneath the disk: r at the disk, r / sqrt(2) far
-  beneath it, where the speed is V (momentum theory); a ceiling is the image of that cylinder;
-- over a ground the wall jet's, which stagnates on the axis, runs outwards no faster than the jet
-  (Bernoulli) and slows as it spreads. Where inner wall jets meet, midway between the rotors, they
-  turn up: the fountain, whose air leaves the picture sideways as it rises.
+- The free jet's is rho^2 / a(y)^2. Its radius a follows from the speed on the axis of a vortex
+  cylinder. At s radii beneath the disk that is V/2 (1 + s / sqrt(1 + s^2)). The radius is r at the
+  disk. Far beneath, where the speed is V (momentum theory), it is r / sqrt(2). A ceiling is the
+  image of that cylinder.
+- The wall jet's applies over a ground. That jet stagnates on the axis, runs outwards no faster than
+  the free jet (Bernoulli) and slows as it spreads. Where inner wall jets meet, midway between the
+  rotors, they turn up: the fountain. Its air leaves the picture sideways as it rises.
 
 To that come a side wind and vortices, of a plane stream function. A kinematic picture for tests and
 the demo, no solution of the flow.
