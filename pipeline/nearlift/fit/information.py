@@ -413,7 +413,7 @@ class Joint:
 
     @classmethod
     def from_fit(cls, fit: LeastSquaresFit, which: Sequence[int]) -> Joint:
-        """Of the coefficients `which`, the levels, and all stated errors that trials share."""
+        """Information on the coefficients `which`, the levels, and all errors that trials share."""
         problem, data, p = fit.problem, fit.problem.data, len(which)
         quantities = [
             Quantity(name=fit.names[i], members=slice(k, k + 1), unit=fit.model.parameters[i].unit)

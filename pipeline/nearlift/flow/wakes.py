@@ -47,7 +47,7 @@ class Fields(Protocol):
 
     @property
     def refused(self) -> list[tuple[str, InputRefused]]:
-        """Those that could not be read, so far."""
+        """Files that could not be read, so far."""
 
     def __iter__(self) -> Iterator[VelocityField]:
         """The fields."""

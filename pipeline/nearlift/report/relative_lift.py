@@ -143,8 +143,8 @@ def _of_one_explanation(
 
 
 def _measured(evidence: Evidence, boundary: Boundary) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of each diagnosed trial near the boundary z_hat, log lift over the accepted model's L_inf,
-    and its residual.
+    """Distance z_hat, log lift over the accepted model's L_inf, and residual of each trial near the
+    boundary that was diagnosed.
     """
     data = evidence.observations[boundary]
     data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
