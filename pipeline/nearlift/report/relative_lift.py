@@ -22,6 +22,7 @@ from nearlift.declare import Boundary, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, lift_inf_N, where
+from nearlift.results import Observations
 from nearlift.results.fit import ParameterCovariance
 from nearlift.results.quotation import BoundaryResult
 from nearlift.stages.diagnose import LOOP_RESIDUALS
@@ -146,25 +147,38 @@ def _measured(evidence: Evidence, boundary: Boundary) -> tuple[FloatArray, Float
     """Distance z_hat, log lift over the accepted model's L_inf, and residual of each trial near the
     boundary that was diagnosed.
     """
-    data = evidence.observations[boundary]
-    data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
-    diagnosed = evidence.diagnosed(boundary)
+    data, diagnosed = _near(evidence, boundary), evidence.diagnosed(boundary)
     assert diagnosed is not None
     levels = np.array([*diagnosed.L_inf_N])
     lift_inf = np.array([e.value for e in diagnosed.L_inf_N.values()])
     of_trial = np.abs(data.levels[data.level][:, None] - levels).argmin(axis=1)
-    table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
-    left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
-    after = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
+    after = _residual_after(evidence, boundary, data)
     keep = np.isfinite(after)
     log_ratio = np.log(data.lift_N / lift_inf[of_trial])
     return data.z_hat[keep], log_ratio[keep], after[keep]
 
 
+def _near(evidence: Evidence, boundary: Boundary) -> Observations:
+    """Accepted trials at a finite distance from the boundary."""
+    data = evidence.observations[boundary]
+    return data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
+
+
+def _residual_after(evidence: Evidence, boundary: Boundary, data: Observations) -> FloatArray:
+    """Log lift less the accepted model's (n,); nan for trials that were not diagnosed."""
+    table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
+    left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
+    return np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
+
+
 def is_base_fit(evidence: Evidence, boundary: Boundary) -> bool:
     """Whether the curve is the base fit's own."""
+    return _is_base(evidence, boundary, quoted_model(evidence, boundary))
+
+
+def _is_base(evidence: Evidence, boundary: Boundary, drawn: QuotedModel) -> bool:
     unexplained = by_fit(evidence) and evidence.quoted(boundary).verdict == "unexplained"
-    return not (unexplained or quoted_model(evidence, boundary).effects)
+    return not (unexplained or drawn.effects)
 
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
@@ -174,10 +188,10 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     Its 90 % band is that of the quoted coefficients. Where it has an effect, these allow for rivals
     that draw other curves; the band is then that of the cells' scatter.
     """
-    if is_base_fit(evidence, boundary):
-        return curves.base_curve(evidence, boundary, z_hat)
     drawn = quoted_model(evidence, boundary)
-    middle = _middle(evidence, boundary, z_hat)
+    if _is_base(evidence, boundary, drawn):
+        return curves.base_curve(evidence, boundary, z_hat)
+    middle = _middle(evidence, boundary, drawn, z_hat)
     plain = middle
     if not drawn.effects:
         plain = curves.base_curve(evidence, boundary, z_hat).least_squares
@@ -193,7 +207,7 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
         return curves.Curve(middle=middle, low=low, high=high, least_squares=plain)
     covariance = _quoted_covariance(quoted, free)
     if drawn.in_curve:
-        covariance = relative_lift(evidence, boundary).covariance
+        covariance = _over_fitted(evidence, boundary, drawn).covariance
     if covariance is not None:
         values = drawn.values
         spread = curves.uncertainty(drawn.model, z_hat, values, values, covariance)
@@ -201,11 +215,12 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     return curves.Curve(middle=middle, low=middle - reach, high=middle + reach, least_squares=plain)
 
 
-def _middle(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> FloatArray:
+def _middle(
+    evidence: Evidence, boundary: Boundary, drawn: QuotedModel, z_hat: FloatArray
+) -> FloatArray:
     """The curve without its band."""
-    if is_base_fit(evidence, boundary):
+    if _is_base(evidence, boundary, drawn):
         return curves.base_curve(evidence, boundary, z_hat).middle
-    drawn = quoted_model(evidence, boundary)
     return curves.ratio(drawn.model, z_hat, drawn.values) - 1
 
 
@@ -232,14 +247,15 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
             u=np.asarray(table["u_delta_L"], dtype=float),
             u_L_inf=math.nan,
         )
-    data = evidence.observations[boundary]
-    data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
-    drawn = quoted_model(evidence, boundary)
+    return _over_fitted(evidence, boundary, quoted_model(evidence, boundary))
+
+
+def _over_fitted(evidence: Evidence, boundary: Boundary, drawn: QuotedModel) -> RelativeLift:
+    """Cells over the L_inf of the model that is drawn."""
+    data = _near(evidence, boundary)
     if drawn.effects:
-        table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
-        left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
-        residual = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
-        log_ratio = np.log1p(_middle(evidence, boundary, data.z_hat)) + residual
+        residual = _residual_after(evidence, boundary, data)
+        log_ratio = np.log1p(_middle(evidence, boundary, drawn, data.z_hat)) + residual
         diagnosed = evidence.diagnosed(boundary)
     else:
         level = lift_inf_N(evidence.base(boundary)[1], data, drawn=True)
@@ -254,7 +270,7 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     of_trial = (
         (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2
     )
-    here, beyond = (_middle(evidence, boundary, cell[1] * x) for x in (1, 1 + STEP))
+    here, beyond = (_middle(evidence, boundary, drawn, cell[1] * x) for x in (1, 1 + STEP))
     slope = np.nan_to_num((np.log1p(beyond) - np.log1p(here)) / (STEP * cell[1]))
     visits = np.bincount(np.unique(np.stack([index, data.visit]), axis=1)[0], minlength=len(n))
     shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
