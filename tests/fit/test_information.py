@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.unit.simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao
+from tests.unit.simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao, part
 
 from nearlift import catalogue
 from nearlift.fit import information
@@ -16,26 +16,12 @@ from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.fit.solver import minimise
 from nearlift.likelihood import budget
-from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
 MODEL = catalogue.model("sanchez_cuevas_free_exponent")
 SCATTER = Noise(
     relative=0.004, force_N=4e-4, height_m=1e-4, common=0.002, drift=(0.001, 0.0, 0.002)
 )
-
-
-def part(on, standard, scope, **more):
-    return Component(
-        **{
-            "name": f"{on} by {scope}",
-            "on": on,
-            "standard": standard,
-            "distribution": "normal",
-            "scope": scope,
-        }
-        | more
-    )
 
 
 PARTS = (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.unit import manifests, sweeps
 from tests.unit.manifests import raw_manifest
-from tests.unit.simulated import RADIUS, campaign, sanchez_cuevas
+from tests.unit.simulated import RADIUS, campaign, part, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.campaign import manifest
@@ -24,21 +24,6 @@ from nearlift.results import Noise, Observations
 MODEL = catalogue.model("sanchez_cuevas")
 SCATTER = Noise(relative=0.004)
 THETA = np.array([2.0])
-
-
-def part(
-    on: str = "height", standard: float = 2e-4, scope: str = "boundary", **more: object
-) -> Component:
-    return Component(
-        **{
-            "name": f"{on} by {scope}",
-            "on": on,
-            "standard": standard,
-            "distribution": "normal",
-            "scope": scope,
-        }
-        | more
-    )
 
 
 def u_K_b(data: Observations, *parts: Component) -> float:

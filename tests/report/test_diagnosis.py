@@ -5,39 +5,12 @@ from __future__ import annotations
 import copy
 import html
 import re
-from html.parser import HTMLParser
 
 import pytest
 from tests.unit import quoted, small_run
+from tests.unit.elements import Elements, follow
 
 from nearlift.stages.gathering import gather
-
-
-class Numbers(HTMLParser):
-    """Numbers of a page with the attributes that say where they come from."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.listed, self.inside = [], None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        if tag == "data":
-            self.inside = dict(attrs)
-
-    def handle_endtag(self, tag):
-        if tag == "data":
-            self.inside = None
-
-    def handle_data(self, data):
-        if self.inside is not None:
-            self.listed.append((self.inside, data))
-
-
-def follow(content, pointer):
-    for key in pointer.split("/")[1:]:
-        content = content[int(key)] if isinstance(content, list) else content[key]
-    return content
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +28,7 @@ def said(evidence, change=None):
     known = quoted.known(evidence, content)
     chapter = small_run.chapter(known, "diagnosis")
     chapter = chapter[chapter.index('<section id="diagnosis"') :].partition("</section>")[0]
-    for attributes, _ in Numbers(chapter).listed:
+    for attributes, _ in Elements(chapter).numbers:
         file, _, pointer = attributes["data-source"].partition("#")
         if not (attributes.get("data-how") or "").startswith(("count", "less")):
             assert float(attributes["value"]) == follow(known.documents[file], pointer)
@@ -262,7 +235,7 @@ def test_candidates_folds_and_proposals_are_told(evidence):
     words, chapter = said(evidence, change)
     assert "gave the same answer in 2 of 3 folds" in words
     assert "(160 trials, expected 2 ln B = 25). Instead: more visits (3.1)." in words
-    rows = Numbers(chapter).listed
+    rows = Elements(chapter).numbers
     assert any(
         a["data-source"].endswith("/rounds/0/candidates/1/log_evidence") and t == "50"
         for a, t in rows

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from nearlift.likelihood.budget import Component
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.results import Observations
@@ -25,6 +26,22 @@ def sanchez_cuevas(z, K_b=2.0):
 
 def hsiao(z, alpha=0.125):
     return 0.5 + 0.5 * np.sqrt(1 + alpha / z**2)
+
+
+def part(
+    on: str = "height", standard: float = 2e-4, scope: str = "boundary", **more: object
+) -> Component:
+    """A stated uncertainty."""
+    return Component(
+        **{
+            "name": f"{on} by {scope}",
+            "on": on,
+            "standard": standard,
+            "distribution": "normal",
+            "scope": scope,
+        }
+        | more
+    )
 
 
 def campaign(

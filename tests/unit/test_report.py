@@ -9,7 +9,6 @@ import hashlib
 import io
 import json
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -24,35 +23,9 @@ from nearlift.stages.gathering import gather
 from nearlift.stages.reduce import LIFT
 
 from . import quoted, small_run
+from .elements import Elements, follow
 
 HOSTILE = '<script>alert("x")</script>{{ 7*7 }}\' & \\input{x}'
-
-
-class Elements(HTMLParser):
-    """Tags with their attributes, and all text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.numbers: list[tuple[dict[str, str | None], str]] = []
-        self.inside: dict[str, str | None] | None = None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.found.append((tag, dict(attrs)))
-        if tag == "data":
-            self.inside = dict(attrs)
-
-    def handle_endtag(self, tag):
-        if tag == "data":
-            self.inside = None
-
-    def handle_data(self, data):
-        if self.inside is not None:
-            self.numbers.append((self.inside, data))
-
-    def every(self, tag):
-        return [attributes for name, attributes in self.found if name == tag]
 
 
 #: Where a page looks for the products of the campaign that tests make.
@@ -79,13 +52,6 @@ def made(make_job):
         patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
         outcome = report.run(job)
     return job, outcome, (job.reports / "index.html").read_text(encoding="utf-8")
-
-
-def follow(content, pointer):
-    for key in pointer.split("/")[1:]:
-        key = key.replace("~1", "/").replace("~0", "~")
-        content = content[int(key)] if isinstance(content, list) else content[key]
-    return content
 
 
 #: What a campaign of lift alone gives before it is diagnosed.
