@@ -31,10 +31,10 @@ from nearlift.loop.candidate import Candidate, moments
 from nearlift.loop.candidate_fit import fit as candidate_fit
 from nearlift.loop.candidate_fit import search as candidate_search
 from nearlift.loop.diagnose import set_up
+from nearlift.loop.evidence import PLAIN_2LNB
 from nearlift.loop.findings import partial
 from nearlift.loop.search import pair_gains, run
 from nearlift.loop.search_problem import Options
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 GROUND = catalogue.model("sanchez_cuevas")
 CEILING = catalogue.model("hsiao_chirarattananon")
@@ -784,8 +784,7 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
     assert (
-        reference_trends.log_evidence(answer.problem, own)
-        > own.evidence.over_none + RIVAL_MAX_2LNB / 2
+        reference_trends.log_evidence(answer.problem, own) > own.evidence.over_none + PLAIN_2LNB / 2
     )
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
     assert answer.verdict == "unexplained"
@@ -802,10 +801,10 @@ def test_gains_that_differ_by_session_are_no_single_step_in_time(gains, single_s
     own = next(e for e in answer.singles if e.name == "session_gain")
     ahead = reference_trends.log_evidence(answer.problem, own) - own.evidence.over_none
     if single_step:
-        assert ahead > RIVAL_MAX_2LNB / 2
+        assert ahead > PLAIN_2LNB / 2
         assert not any("session_gain" in e.effects for e in answer.accepted)
     else:
-        assert ahead < -RIVAL_MAX_2LNB / 2
+        assert ahead < -PLAIN_2LNB / 2
         assert answer.accepted[0].effects == ("session_gain",)
 
 
@@ -844,7 +843,7 @@ def test_a_straight_line_that_its_form_contains_does_not_disown_an_effect():
     other = dataclasses.replace(own, fitted=dataclasses.replace(own.fitted, candidate=candidate))
     # the line in force leads, and would disown an effect that does not contain it
     lead = reference_trends.log_evidence(answer.problem, other) - own.evidence.over_none
-    assert lead > RIVAL_MAX_2LNB / 2
+    assert lead > PLAIN_2LNB / 2
 
 
 def test_an_adequate_model_predicts_to_the_noise_floor_and_strains_nothing_declared(null_stage):

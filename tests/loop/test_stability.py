@@ -14,7 +14,7 @@ from nearlift.likelihood.covariates import derive
 from nearlift.loop import diagnose as loop
 from nearlift.loop import search, stability
 from nearlift.loop.diagnose import diagnose, set_up
-from nearlift.loop.evidence import CREDIT
+from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import (
     LOOK,
@@ -28,7 +28,6 @@ from nearlift.loop.stability import (
     with_decisive_visits,
 )
 from nearlift.report.phrases import dependence
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import RestsOn, Shift
 
 GROUND = catalogue.model("sanchez_cuevas")
@@ -259,7 +258,7 @@ def test_trials_that_decide_between_two_optima_of_one_effect_are_tried(
 def test_trials_that_keep_a_rival_in_the_set_or_outside_are_tried(sagging, within, moved, tried):
     answer, quoted = sagging
     (first,) = answer.accepted
-    behind = RIVAL_MAX_2LNB / 2 + (-4.0 if within else 4.0)
+    behind = PLAIN_2LNB / 2 + (-4.0 if within else 4.0)
     evidence = replace(
         first.evidence,
         exact=first.evidence.exact - behind,
@@ -353,7 +352,7 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
 def test_a_shortlist_holds_what_may_come_first_without_a_trial(sagging):
     answer, _ = sagging
     (first,) = answer.accepted
-    near = RIVAL_MAX_2LNB / 2 + search.SLACK
+    near = PLAIN_2LNB / 2 + search.SLACK
     left_out = answer.problem.data.trial == answer.problem.data.trial[7]
 
     def listed(behind, gains=None, named=True):

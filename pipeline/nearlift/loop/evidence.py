@@ -24,6 +24,8 @@ from nearlift.results import IntArray
 
 #: An explanation must beat "no effect" by this in log evidence, or chance would be given a name.
 CREDIT = 2.0
+#: 2 ln(Bayes factor) from which one explanation is plainly likelier than another.
+PLAIN_2LNB = 9.0
 
 
 def mean_evidence(exact: FloatArray | float, discrepant: FloatArray | float) -> FloatArray:

@@ -17,14 +17,14 @@ from nearlift.declare import Effect, FloatArray
 from nearlift.loop import reference_trends, structure, weigh
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.evidence import CREDIT
+from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.random_walk_gain import rms
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.structure import Structure
 from nearlift.loop.visibility import SILENT, visibility
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB, ExplanationProbability
+from nearlift.results.diagnosis import ExplanationProbability
 from nearlift.results.quotation import Verdict
 
 #: Pairs that are tried at most, and at least.
@@ -130,7 +130,7 @@ class Answer:
             return log + 0.5 * float(np.sum(fitted.residual[dropped] ** 2))
 
         least = (
-            max(without(e.evidence.log, e.fitted) for e in named) - RIVAL_MAX_2LNB / 2
+            max(without(e.evidence.log, e.fitted) for e in named) - PLAIN_2LNB / 2
             if named
             else without(self.problem.unnamed, self.problem.base_fit) + CREDIT
         )
@@ -193,7 +193,7 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     singles = tuple(s for _, s in tried if np.isfinite(s.gain))
     if not any(s.accepted for s in singles):
         singles = accept_inexact(problem, singles)
-    margin = RIVAL_MAX_2LNB / 2
+    margin = PLAIN_2LNB / 2
     disowned = {
         s.name
         for s in singles
@@ -242,7 +242,7 @@ def promising(
     """Pairs of effects worth a fit, by their possible gain, largest first.
 
     If one effect is sufficient `alone`, they are the pairs that could gain more by
-    `RIVAL_MAX_2LNB`. Else they are the first few, and those that could explain most of the
+    `PLAIN_2LNB`. Else they are the first few, and those that could explain most of the
     remainder of each effect. `gains` are those of the single effects. A gain beyond first order of
     one effect is assumed to persist in its pairs.
     """
@@ -258,7 +258,7 @@ def promising(
         key=lambda pair: -pair[0],
     )[:PAIRS]
     if alone is not None:
-        least = alone.gain + RIVAL_MAX_2LNB
+        least = alone.gain + PLAIN_2LNB
         return [(one, two) for gain, one, two in offered if gain > least]
 
     def may_be_needed(gain: float, one: Effect, two: Effect) -> bool:

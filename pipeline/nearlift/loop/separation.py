@@ -12,15 +12,16 @@ from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import Point
+from nearlift.loop.evidence import PLAIN_2LNB
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB, CoefficientLimit
+from nearlift.results.diagnosis import CoefficientLimit
 from nearlift.results.outlook import Alternative, NextExperiment, NextSession
 
 #: Non-centrality at which a rival drops out of the answer: the bound for rivals, and a margin for
 #: scatter.
-APART = RIVAL_MAX_2LNB + 4.0
+APART = PLAIN_2LNB + 4.0
 #: Trials in a proposed session.
 SESSION = 160
 #: Weight on the evidence of a session that may not be feasible, where sessions are ranked.

@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 
 from nearlift.loop.admission import few
 from nearlift.loop.candidate_fit import Fitted, optima
-from nearlift.loop.evidence import CREDIT
+from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.results import Observations
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
 #: Closed-form influence below which the most influential trial is not left out, in standard
@@ -83,7 +82,7 @@ def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice
     for e in (*answer.singles, *answer.pairs):
         far = abs(e.fitted.vector[i] - headline.value) > headline.u
         if far and e.may_be_named and e.effects != first.effects:
-            within = RIVAL_MAX_2LNB / 2 - (first.evidence.log - e.evidence.log)
+            within = PLAIN_2LNB / 2 - (first.evidence.log - e.evidence.log)
             if e.effects in named:
                 chosen.append((e.fitted, fitted, within))
             elif within < 0:

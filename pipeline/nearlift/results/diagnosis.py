@@ -20,8 +20,6 @@ from nearlift.results.outlook import (
 )
 from nearlift.results.quotation import Verdict
 
-#: 2 ln(Bayes factor) by which an explanation may trail the best and still be its rival.
-RIVAL_MAX_2LNB = 9.0
 #: An effect's true form is known to about this relative, smooth deviation.
 FORM_SD = 0.2
 
