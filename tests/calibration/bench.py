@@ -1,8 +1,8 @@
 """The simulated bench: which trial runs where and when, and everything that goes on around it. No
 force is made here.
 
-Written from ../shared/physics.md (C1: thrust, current, voltage and speed over throttle; D1: Table 1
-and its readings) and shares no code with nearlift.
+Written from published measurements (thrust, current, voltage and speed over throttle; the distances
+of the paper's Table 1) and shares no code with nearlift.
 """
 
 from __future__ import annotations

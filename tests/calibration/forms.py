@@ -1,7 +1,7 @@
 """The referee's own physics: base curves, every named effect in two forms, and effects that no
 library holds.
 
-Written from ../shared/physics.md (A1, A4, A6, A8; E01 to E30); shares no code with nearlift. The
+Written from the published formulas; shares no code with nearlift. The
 `own` form of an effect is the printed one, the `foreign` form has the same cause and another shape.
 A form is scaled by one amplitude and does nothing at 0.
 """
@@ -101,7 +101,7 @@ class Form:
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """A named cause: the shape printed in ../shared/physics.md, and one that differs."""
+    """A named cause: the published shape, and one that differs."""
 
     name: str
     own: Form

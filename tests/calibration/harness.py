@@ -1,5 +1,4 @@
-"""Scores a diagnosis on simulated campaigns: every row of ../shared/method.md's "Figures to reach",
-with exact binomial intervals.
+"""Scores of a diagnosis on simulated campaigns, with exact binomial intervals.
 
     python -m tests.calibration.harness violations --count 20 --seed 900000
     python -m tests.calibration.harness records,ar_95 --count 201 --seed 700000 --out file.json

@@ -1,5 +1,5 @@
-"""How else one might pick the missing terms: the rivals of ../shared/method.md's first table, on
-the same candidates.
+"""How else one might pick the missing terms: rival methods on the same
+candidates.
 
 All of them get a `Task`: trials, the true covariance (as a whitening), the base model linearised at
 its fit, and the library as columns. Each returns the names that it adds to the model; none can say

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from tests.calibration import records
 from tests.calibration.damage import TRIES, page, subjects, table, tally
-from tests.calibration.glitches import FIRST_SEED, jobs, null, one
 
 
 def test_one_subject_is_told_apart(tmp_path: Path) -> None:
@@ -88,14 +87,3 @@ def test_no_damage_is_silent_where_it_can_be_seen(tmp_path: Path) -> None:
         assert ours[fmt, "flip"]["wrong"] + ours[fmt, "flip"]["short"] == 0, fmt
     assert isinstance(next(iter(found.values())), Counter)
     assert "| our own products | nearlift |" in page(found)
-
-
-@pytest.mark.calibration
-def test_no_glitch_that_moves_the_headline_goes_untold() -> None:
-    assert [row for row in map(one, jobs()) if row.matters and not row.told] == []
-
-
-@pytest.mark.calibration
-def test_an_ordinary_campaign_has_no_trial_named() -> None:
-    """One in a hundred is the rate promised; four or more have a chance of 2 %."""
-    assert sum(null(("176 trials, normal", FIRST_SEED + i))[1] for i in range(100)) < 4

@@ -1,7 +1,7 @@
 """Sections of a page that runs write, and the table of verdicts."""
 
 from tests.calibration import pages
-from tests.calibration.verdicts import verdicts
+from tests.calibration.figures import by_verdict
 
 
 def test_a_section_takes_the_place_of_its_own(tmp_path):
@@ -28,7 +28,7 @@ def test_intervals_are_counted_by_campaign_and_verdict():
         row("null", [], "adequate", False, 4.0),
         row("lost_steps", ["lost_steps"], "unexplained", True, 8.0),
     ]
-    null, strange, every = verdicts(rows)
+    null, strange, every = by_verdict(rows)
     assert null == {
         "campaign": "null",
         "adequate": "1 of 2 (1-99), 1.50",

@@ -198,7 +198,7 @@ def test_covariates_are_what_the_contract_names(nulls):
 
 
 def test_own_curves_reproduce_the_golden_numbers():
-    # ../shared/physics.md, A4 (true geometry, K_b = 2; to its four decimals) and A6
+    # Sanchez-Cuevas (true geometry, K_b = 2; to four decimals) and Hsiao-Chirarattananon
     z = np.array([1.0, 2.0, 5.0])
     assert forms.ratio("ground", z, {"K_b": 2.0}) == pytest.approx(
         [1.1586, 1.0898, 1.0256], abs=2e-4
@@ -469,7 +469,7 @@ def test_a_growing_campaign_is_looked_at_until_something_is_claimed():
         "",
     )
     assert by_kind([row])[0]["null: any claim"] == "1 of 1 (3-100)"
-    assert by_verdict([row])[0]["verdict"] == "unexplained"
+    assert by_verdict([row])[0]["adequate"] == "-"
 
 
 def test_kinds_are_chosen_by_name_and_by_group():
@@ -499,6 +499,10 @@ def test_figures_judge_by_their_interval():
         "expected_before": 1.0,
         "cpu_s": 1.0,
         "cover_quoted": True,
+        "truth": [],
+        "verdict": "adequate",
+        "width_quoted": 1.0,
+        "oracle_width": 1.0,
     }
     rows = [{**row, "claimed": i < 12, "boundary": "ground"} for i in range(160)]
     null = next(f for f in figures(rows) if f.key == "null")
