@@ -1,13 +1,11 @@
-"""Campaigns that choose their visits while they are run: how many a question takes by
-`loop.next_visits`, by all stations equally often, and by a plan with 35 % far off fixed beforehand.
+"""Campaigns that choose their visits while they are run: how many it takes by `loop.next_visits`, by
+all stations equally often, and by a plan with 35 % far off fixed beforehand.
 
-    python -m tests.calibration.sequential coefficient --count 99 --seed 820000 --out rows.jsonl
+    python -m tests.calibration.sequential --count 99 --seed 820000 --out rows.jsonl
 
-Kinds: `coefficient` (no effect; visits until u of the first coefficient is that of the full plan
-at `FULL` visits; then its 90 % interval, and claims at a look and at the stop), `stations` (ground;
-the same visits at the stations of each design, by what goes round), `supply` (supply_sag that a
-falling battery hides behind gain_drift; visits until 2 ln B > 9). For rivals by stations see
-`rivals`. A row per campaign; with --tabulate medians, quartiles and exact binomial intervals.
+Visits until u of the first coefficient is that of the full plan at `FULL` visits; then its 90 %
+interval, and claims halfway and at the stop. A row per campaign; then medians, quartiles and exact
+binomial intervals.
 """
 
 from __future__ import annotations
@@ -20,34 +18,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.stats import binomtest
-from tests.calibration.bench import DESIGNS, stream
+from tests.calibration.bench import stream
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, simulate
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import coefficients, next_visits
-from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.diagnose import decide, set_up
-from nearlift.loop.evidence import LinearFit, Linearised
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.planning.question import ROUNDS
 from nearlift.results import Noise, Observations
-from nearlift.results.diagnosis import FORM_SD
 
 #: The full plan's visits whose uncertainty is asked for, most of any plan, and visits of a batch and
 #: of a session.
 FULL, MOST, BATCH, SESSION = 300, 600, 10, 50
-#: Visits before the first that is planned, shares that go round, p at which structure is seen.
-FIRST, SHARES, SEEN_AT = 5, (0.5, 0.4, 0.3, 0.2, 0.0), 1e-3
-APART = 9.0
-#: Of the supply: visits before the first that is planned, and between looks.
-FEW, EVERY = 4, 2
-#: A true exponent, what a battery loses over a session, and by how much a visit's supply is moved.
-EXPONENT, FALLS_V, VOLTS = 2.0, 0.3, 4.0
+#: Visits before the first that is planned.
+FIRST = 5
+#: Supply of a full battery, and its fall over a session.
+VOLTS, FALLS_V = 4.0, 0.3
 
 
 class Pool:
@@ -65,10 +55,8 @@ class Pool:
         self.per = self.data.n // len(first)
         self.battery = stream(seed, "battery").normal(0, 0.02, 1000)
 
-    def run(self, stations: np.ndarray, moved: np.ndarray | None = None) -> Observations:
-        """The trials of these visits, run one after the other on batteries of `SESSION` visits, or
-        on a supply that each visit moves by a fraction of it.
-        """
+    def run(self, stations: np.ndarray) -> Observations:
+        """Trials of these visits, one after the other on batteries of `SESSION` visits."""
         used = np.zeros(len(self.of), dtype=int)
         taken = []
         for s in stations:
@@ -80,9 +68,6 @@ class Pool:
         session = visit // SESSION
         charge = (trial % (SESSION * self.per)) / (SESSION * self.per)
         supply = VOLTS - FALLS_V * charge + self.battery[session]
-        if moved is not None:
-            set_to = np.repeat(moved, self.per)
-            supply = np.where(np.isfinite(set_to), VOLTS * (1 + np.nan_to_num(set_to)), supply)
         supply = supply + 0.003 * np.sin(1e3 * trial)
         z = self.z_hat[stations]
         away = np.where(np.diff(z, prepend=z[-1]) >= 0, 1.0, -1.0)
@@ -118,16 +103,16 @@ def fixed(stations: int, visits: int, rng: np.random.Generator) -> np.ndarray:
     return np.where(far, stations - 1, order)
 
 
-def known(data: Observations, pool: Pool, names: tuple[str, ...] = ()) -> SearchProblem:
+def known(data: Observations, pool: Pool) -> SearchProblem:
     """The trials as a search problem at their true noise: what is estimated anew is the curve."""
     base = catalogue.model(catalogue.default_base(data.boundary, 4))
     true = pool.campaign.truth
     scatter = Noise(**{k: getattr(true.scatter, k) for k in ("relative", "force_N", "height_m")})
     levels = true.levels_N[np.searchsorted(data.levels, data.throttle)]
-    stage = SearchProblem(
+    problem = SearchProblem(
         data=derive(data, levels),
         base=base,
-        effects=tuple(catalogue.effect(name) for name in names),
+        effects=(),
         parts=(),
         noise=scatter,
         log_lift=np.log(data.lift_N),
@@ -135,14 +120,14 @@ def known(data: Observations, pool: Pool, names: tuple[str, ...] = ()) -> Search
         options=Options(),
     )
     # noise of height goes by the slope of the fitted curve
-    return dataclasses.replace(stage, theta=stage.base_fit.vector)
+    return dataclasses.replace(problem, theta=problem.base_fit.vector)
 
 
-def u_of(stage: SearchProblem) -> float:
-    return float(coefficients.spread(stage, stage.base_fit)[1][0])
+def u_of(problem: SearchProblem) -> float:
+    return float(coefficients.spread(problem, problem.base_fit)[1][0])
 
 
-def counted(pool: Pool, seed: int, rounds: float) -> tuple[np.ndarray, dict[str, int]]:
+def counted(pool: Pool, seed: int) -> tuple[np.ndarray, dict[str, int]]:
     """Visits until u of the first coefficient is what the full plan has after `FULL`: their order,
     how many it took, was foretold, and takes by the fixed plan.
     """
@@ -154,8 +139,8 @@ def counted(pool: Pool, seed: int, rounds: float) -> tuple[np.ndarray, dict[str,
 
     order = begun(stations, rng)
     told = 0
-    while u_of(stage := known(pool.run(order), pool)) > target and len(order) < MOST:
-        plan = planned(stage, pool.z_hat, rounds)
+    while u_of(problem := known(pool.run(order), pool)) > target and len(order) < MOST:
+        plan = planned(problem, pool.z_hat)
         if not told:
             ahead = plan.until(target, BATCH, np.random.default_rng(seed))
             told = MOST if ahead is None else len(order) + len(ahead)
@@ -165,54 +150,10 @@ def counted(pool: Pool, seed: int, rounds: float) -> tuple[np.ndarray, dict[str,
     return order, {"next": len(order), "fixed": by_fixed, "told": told}
 
 
-def stations(design: str, seed: int) -> dict[str, Any]:
-    """The same near the ground, at the stations of that design, by what goes round (in percent);
-    the least that any choice of the others takes, made beforehand; and the chance left to see a
-    structure in distance that the full plan sees with 0.9.
-    """
-    spec = Spec(boundary="ground", design=design, visits=MOST // 3, sessions=1, errors=Errors())
-    pool, row = Pool(spec, seed), {}
-    for rounds in SHARES:
-        order, counts = counted(pool, seed, rounds)
-        stage = known(pool.run(order), pool)
-        plan = planned(stage, pool.z_hat, rounds)
-        held = next_visits.of_coefficient(stage.base_fit, 0).held
-        nothing = np.diag(np.pad(held, (0, len(plan.now) - len(held))))
-        whole = nothing + FULL * plan.of_round
-        other = fixed(len(pool.z_hat), counts["fixed"], stream(seed, "fixed"))
-        row |= {
-            f"next{100 * rounds:.0f}": counts["next"],
-            f"least{100 * rounds:.0f}": least(plan, nothing, rounds),
-            f"sees{100 * rounds:.0f}": plan.sees(
-                nothing + plan.added[order].sum(axis=0), whole, SEEN_AT
-            ),
-            "fixed": counts["fixed"],
-            "fixed_sees": plan.sees(nothing + plan.added[other].sum(axis=0), whole, SEEN_AT),
-        }
-    return row
-
-
-def least(plan: next_visits.Plan, nothing: np.ndarray, rounds: float) -> float:
-    """The fewest visits to the u of the full plan's `FULL` where that share of them goes round: by
-    multiplicative steps of the c-optimal design of the others.
-    """
-    own, chosen = slice(plan.q), np.full(len(plan.added), 1 / len(plan.added))
-    for _ in range(1000):
-        each = rounds * plan.of_round + (1 - rounds) * np.tensordot(chosen, plan.added, axes=(0, 0))
-        information = (nothing + FULL * each)[own, own]
-        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        unit = information / np.outer(size, size) + next_visits.RIDGE * np.eye(plan.q)
-        along = np.linalg.solve(unit, np.eye(plan.q)[plan.target] / size) / size
-        chosen *= np.sqrt([along @ a[own, own] @ along for a in plan.added])
-        chosen /= chosen.sum()
-    wanted = float(plan.u(nothing + FULL * plan.of_round))
-    return float(brentq(lambda n: float(plan.u(nothing + n * each)) - wanted, 1.0, 1e5))
-
-
 def coefficient(boundary: str, seed: int) -> dict[str, Any]:
     """Visits until u of the first coefficient is what the full plan has after `FULL`."""
     pool = Pool(Spec(boundary=boundary, visits=MOST // 3, sessions=1, errors=Errors()), seed)
-    order, counts = counted(pool, seed, ROUNDS)
+    order, counts = counted(pool, seed)
     # what the loop says halfway, where a claim pays for the look, and at the stop
     half = len(order) // 2 // BATCH * BATCH
     rate = InterimLook(trials=half, scheduled=len(order)).level(Options().false_alarm_rate)
@@ -233,9 +174,9 @@ def _set_up(data: Observations) -> SearchProblem:
     return set_up(data, base, (), Options())[0]
 
 
-def planned(stage: SearchProblem, z_hat: np.ndarray, rounds: float) -> next_visits.Plan:
-    menu = next_visits.menu(stage.data, z_hat)
-    return next_visits.plan(stage, next_visits.of_coefficient(stage.base_fit, 0), menu, rounds)
+def planned(problem: SearchProblem, z_hat: np.ndarray) -> next_visits.Plan:
+    menu = next_visits.menu(problem.data, z_hat)
+    return next_visits.plan(problem, next_visits.of_coefficient(problem.base_fit, 0), menu, ROUNDS)
 
 
 def _first(reached: Callable[[int], bool], most: int) -> int:
@@ -247,67 +188,7 @@ def _first(reached: Callable[[int], bool], most: int) -> int:
     return high
 
 
-def supply(boundary: str, seed: int) -> dict[str, Any]:
-    """Visits until supply_sag stands beyond gain_drift, on one battery that falls: of the full
-    plan, and of one planned anew every batch.
-    """
-    del boundary
-    spec = Spec(boundary="ground", visits=100, sessions=1, errors=Errors(), every=2)
-    pool, most = Pool(spec, seed), 300
-    row: dict[str, Any] = {}
-    for how in ("full", "next"):
-        rng = stream(seed, "parted")
-        whole = full(len(pool.z_hat), most, rng)
-        order, settings = whole[:FEW], np.full(FEW, np.nan)
-        ahead, volts = np.zeros(0, dtype=int), np.zeros(0)
-        while True:
-            data = pool.run(order, settings)
-            factor = (data.covariates["supply_V"] / VOLTS) ** EXPONENT
-            data = dataclasses.replace(data, lift_N=data.lift_N * factor)
-            stage = known(data, pool, ("supply_sag", "gain_drift"))
-            one, other = (
-                search(stage.candidate(e), stage.starts, stage.log_lift) for e in stage.effects
-            )
-            apart = 2 * (evidence(one) - evidence(other))
-            if abs(apart) > APART or len(order) >= most:
-                break
-            if how == "full":
-                order = whole[: len(order) + EVERY]
-                settings = np.full(len(order), np.nan)
-                continue
-            if not len(ahead):
-                question = next_visits.of_rivals(
-                    stage,
-                    (one.candidate.effects, one.vector),
-                    (other.candidate.effects, other.vector),
-                )
-                menu = next_visits.menu(stage.data, pool.z_hat, move_supply=True)
-                picks = next_visits.plan(stage, question, menu, ROUNDS).batch(BATCH, rng)
-                ahead, volts = menu.station[picks], menu.supply_V[picks] / VOLTS - 1
-            order, ahead = np.append(order, ahead[:EVERY]), ahead[EVERY:]
-            settings, volts = np.r_[settings, volts[:EVERY]], volts[EVERY:]
-        row |= {how: len(order), f"{how}_wrong": apart < -APART, f"{how}_open": abs(apart) <= APART}
-    return row
-
-
-def evidence(fitted: Fitted, form_sd: float = FORM_SD) -> float:
-    """Log evidence of a fit with its form uncertain, as the search has it."""
-    form_discrepancy = fitted.space.project(
-        fitted.candidate.form_discrepancy(fitted.vector, form_sd).T
-    ).T
-    basis = framed(orthonormal(np.hstack([fitted.jacobian, form_discrepancy])))
-    here = Linearised(
-        fitted=fitted,
-        jacobian=basis.T @ fitted.jacobian,
-        form_discrepancy=basis.T @ form_discrepancy,
-    )
-    return LinearFit(here=here, basis=basis, rest=basis[:, :0], random_walk_gain=0.0).log
-
-
-KINDS = {"coefficient": coefficient, "stations": stations, "supply": supply}
-
-
-def rows(kind: str, count: int, seed: int, out: Path) -> None:
+def rows(count: int, seed: int, out: Path) -> None:
     """Append a row per campaign, boundaries in turn; what stands there already is not run again."""
     done = (
         {json.loads(line)["seed"] for line in out.read_text().splitlines()} if out.exists() else ()
@@ -315,25 +196,21 @@ def rows(kind: str, count: int, seed: int, out: Path) -> None:
     for i in range(count):
         if seed + i in done:
             continue
-        boundary = (DESIGNS if kind == "stations" else ("ground", "ceiling", "sidewall"))[i % 3]
+        boundary = ("ground", "ceiling", "sidewall")[i % 3]
         try:
-            row = KINDS[kind](boundary, seed + i)
+            row = coefficient(boundary, seed + i)
         except Unreachable:
             continue
         with out.open("a") as sink:
-            sink.write(
-                json.dumps({"kind": kind, "seed": seed + i, "boundary": boundary} | row) + "\n"
-            )
+            sink.write(json.dumps({"seed": seed + i, "boundary": boundary} | row) + "\n")
 
 
 def tabulate(path: Path) -> str:
     """Medians with quartiles, and shares with their exact 95 % intervals, by boundary."""
     read = [json.loads(line) for line in path.read_text().splitlines()]
     lines = []
-    for boundary in (
-        dict.fromkeys(r["boundary"] for r in read) if read[0]["kind"] != "supply" else ("",)
-    ):
-        mine = [r for r in read if boundary in ("", r["boundary"])]
+    for boundary in dict.fromkeys(r["boundary"] for r in read):
+        mine = [r for r in read if r["boundary"] == boundary]
         parts = []
         for name in read[0]:
             values = [r[name] for r in mine if r[name] is not None]
@@ -349,12 +226,9 @@ def tabulate(path: Path) -> str:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("kind", choices=tuple(KINDS))
     parser.add_argument("--count", type=int, default=99)
     parser.add_argument("--seed", type=int, default=820_000)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--tabulate", action="store_true")
     given = parser.parse_args()
-    if not given.tabulate:
-        rows(given.kind, given.count, given.seed, given.out)
+    rows(given.count, given.seed, given.out)
     print(tabulate(given.out))
