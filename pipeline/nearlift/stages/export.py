@@ -11,8 +11,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from nearlift.campaign.manifest import boundaries_of
-from nearlift.flight.export import c_header, python_module
 from nearlift.flight.export.model_export import ModelExport, exported, json_schema
+from nearlift.flight.export.source import c_header, python_module
 from nearlift.results.document import as_json
 from nearlift.run import tables
 from nearlift.run.engine import Job
@@ -48,13 +48,14 @@ def _save(job: Job, name: str, text: str) -> str:
     return str(job.put(f"processed/export/{name}", text.encode()))
 
 
-def _source(name: str, text: Callable[[ModelExport], str]) -> Callable[[Job], str]:
-    """Writer of that file with the models as source text."""
-    return lambda job: _save(job, name, text(model_export(job)))
+def write_c(job: Job) -> str:
+    """lift_model.h."""
+    return _save(job, "lift_model.h", c_header(model_export(job)))
 
 
-write_c = _source("lift_model.h", c_header.header)
-write_python = _source("lift_model.py", python_module.module)
+def write_python(job: Job) -> str:
+    """lift_model.py."""
+    return _save(job, "lift_model.py", python_module(model_export(job)))
 
 
 def write_json(job: Job) -> str:

@@ -17,8 +17,8 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from nearlift import catalogue
-from nearlift.flight.export import c_header, python_module
 from nearlift.flight.export.model_export import ModelExport, exported
+from nearlift.flight.export.source import c_header, python_module
 from nearlift.flight.fitted_lift import FittedLift
 
 R = 0.023
@@ -68,8 +68,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         held="throttle",
         boundaries={"ground": exported(lift)},
     )
-    (out / "lift_model.h").write_text(c_header.header(whole))
-    (out / "lift_model.py").write_text(python_module.module(whole))
+    (out / "lift_model.h").write_text(c_header(whole))
+    (out / "lift_model.py").write_text(python_module(whole))
     return out
 
 
