@@ -10,7 +10,7 @@ from tests.unit.simulated import THROTTLES, campaign, hsiao
 from nearlift import catalogue
 from nearlift.errors import NotConverged
 from nearlift.likelihood.covariates import derive
-from nearlift.loop import design_report, expected_noise, proposals
+from nearlift.loop import design_report, expected_noise
 from nearlift.loop import power as loop_power
 from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.diagnose import set_up
@@ -232,7 +232,7 @@ def test_too_few_planned_trials_are_refused():
         planned(data, GROUND, (), NOISE, Options(), np.array([2.0]))
 
 
-# ---- proposals
+# ---- groups
 
 
 def test_groups_are_linked_pairs():
@@ -248,36 +248,6 @@ def test_groups_are_linked_pairs():
         row("g", h=0.7),
     ]
     assert design_report.groups(rows) == (("a", "b", "c"), ("g", "h"))
-
-
-def test_changes_part_what_they_promise(design):
-    pair = proposals.Pair(
-        size_parameter=size_parameter("reynolds"), rival="zero_offset", size=0.1, chance=0.8
-    )
-    found = proposals.changes(design, [pair], {})
-    assert [p.pair for p in found.pairs] == [("reynolds", "zero_offset")]
-    asked = found.pairs[0]
-    assert asked.evidence_now < proposals.APART
-    # a zero of the cell stands where the rotors do not, and costs little
-    sweep = next(o for o in asked.options if o.change.startswith("a motors-off sweep"))
-    assert sweep.trials_to_part == 2 * len(np.unique(design.problem.data.z_hat))
-    assert "rpm" in asked.log
-    assert "start" not in asked.log
-    costs = [o.trials_to_part for o in asked.options]
-    assert costs == sorted(costs)
-    checked = [b for b in found.best if getattr(b, "rivals_after", None)]
-    assert checked
-    assert all(0 <= r.after <= 1 for b in checked for r in b.rivals_after)
-
-
-def test_a_gauge_parts_an_offset_from_what_else_acts_close_by(design):
-    pair = proposals.Pair(
-        size_parameter=size_parameter("image_strength"), rival="height_offset", size=0.2, chance=1.0
-    )
-    options = proposals.changes(design, [pair], {}).pairs[0].options
-    assert any(
-        o.change.startswith("touch the traverse off") and o.trials_to_part == 0 for o in options
-    )
 
 
 def test_the_same_trials_from_both_sides_let_backlash_show(design):

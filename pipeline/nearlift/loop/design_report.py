@@ -1,11 +1,11 @@
-"""Report of a design: effects detected or confounded, and the smallest changes that separate them.
+"""Report of a design: effects detected or confounded.
 
 For few trials, once diagnosed, it gives the detection limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from nearlift.loop import coefficients
 from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.families import STEP, families
 from nearlift.loop.power import DesignPower
-from nearlift.loop.proposals import Pair, changes
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.size_parameter import (
     LIMIT_POWER,
@@ -23,7 +22,7 @@ from nearlift.loop.size_parameter import (
     size_parameters,
 )
 from nearlift.loop.visibility import SILENT, visibility
-from nearlift.results import Noise, Observations
+from nearlift.results import Noise
 from nearlift.results.design import BoundaryOutlook, ExpectedCoefficient, ExpectedNoise
 from nearlift.results.outlook import (
     DetectionLimit,
@@ -43,9 +42,8 @@ def outlook(
     library: tuple[Effect, ...],
     untestable: tuple[UntestableEffect, ...],
     expected: Noise,
-    variants: Mapping[str, Observations],
 ) -> BoundaryOutlook:
-    """Power, confounding, bias and proposed changes of a design.
+    """Power, confounding and bias of a design.
 
     Parameters
     ----------
@@ -56,27 +54,14 @@ def outlook(
     untestable : tuple of UntestableEffect
     expected : Noise
         Noise that the plan assumes.
-    variants : mapping of str to Observations
-        The trials in other orders (of throttles, from both sides), with derived covariates.
     """
     problem = design.problem
-    rows: list[EffectOutlook] = []
-    pairs: list[Pair] = []
-    for effect in library:
-        if effect.within_trial:
-            continue
-        for size_parameter in size_parameters(effect):
-            row = weigh(design, size_parameter)
-            rows.append(row)
-            pairs += [
-                Pair(
-                    size_parameter=size_parameter,
-                    rival=rival,
-                    size=row.plausible_size,
-                    chance=chance,
-                )
-                for rival, chance in confounded(row).items()
-            ]
+    rows = tuple(
+        weigh(design, size_parameter)
+        for effect in library
+        if not effect.within_trial
+        for size_parameter in size_parameters(effect)
+    )
     value, u = coefficients.spread(problem, problem.base_fit)
     unseen = coefficients.constrained_columns(problem, ())
     _, u_wide = coefficients.spread(problem, problem.base_fit, unseen)
@@ -91,10 +76,9 @@ def outlook(
             )
             for p, v, s, w in zip(problem.base.parameters, value, u, u_wide, strict=True)
         },
-        effects=tuple(rows),
+        effects=rows,
         groups=groups(rows),
         limits=unidentifiable_coefficients(problem, problem.base_fit),
-        changes=changes(design, pairs, variants),
         expected_noise=ExpectedNoise(
             relative=expected.relative,
             force_N=expected.force_N,

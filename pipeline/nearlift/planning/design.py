@@ -10,13 +10,11 @@ from nearlift.campaign.forecasts import Planned
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged, UsageError
-from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.design_report import outlook
-from nearlift.observed import Trials, boundaries, choice, observe
+from nearlift.observed import boundaries, choice
 from nearlift.planning.forecast import of_plan
-from nearlift.planning.plans import PlannedTrials, as_schedule, draw, scatter, table_of
-from nearlift.results import Noise, Observations
+from nearlift.planning.plans import PlannedTrials, draw, scatter
+from nearlift.results import Noise
 from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
@@ -50,16 +48,7 @@ def design(
         except NotConverged as fault:
             notes.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
-        variants = {}
-        feasible = "both directions" not in forecast.problem.options.not_feasible
-        if made.drawn is None and feasible:
-            variants = {
-                text: _predicted(table, campaign, boundary, theta)
-                for text, table in _in_random_order(campaign, made, seed).items()
-            }
-        forecasts[boundary] = outlook(
-            forecast.design, forecast.effects, forecast.untestable, noise, variants
-        )
+        forecasts[boundary] = outlook(forecast.design, forecast.effects, forecast.untestable, noise)
     if not forecasts:
         raise NotConverged(
             f"design of {campaign.name}",
@@ -91,16 +80,6 @@ def _expected(campaign: Campaign, boundary: Boundary) -> FloatArray:
     return np.array([given.get(p.name, p.value) for p in base.parameters])
 
 
-def _predicted(
-    table: Trials, campaign: Campaign, boundary: Boundary, theta: FloatArray
-) -> Observations:
-    """Planned trials with the covariates that follow from lift."""
-    base, data = choice(campaign, boundary)[0], observe(table, campaign, boundary)
-    data = data.take(usable(base, data))
-    levels = data.level_medians(data.lift_N)[data.level]
-    return derive(data, levels, lift_ratio(base, data, base.named(theta)))
-
-
 def _as_design(campaign: Campaign, made: PlannedTrials) -> Planned:
     """Design with the stations, throttles and visits of the schedule."""
     table = made.table
@@ -122,16 +101,6 @@ def _as_design(campaign: Campaign, made: PlannedTrials) -> Planned:
     return (
         campaign.design or Planned.model_construct(distances=distances, throttles=throttles)
     ).model_copy(update=given)
-
-
-def _in_random_order(campaign: Campaign, made: PlannedTrials, seed: int) -> dict[str, Trials]:
-    """Trials of the schedule in random order and from both sides."""
-    drawn = draw(campaign, seed, _as_design(campaign, made))
-    table, _ = table_of(as_schedule(drawn, campaign), campaign)
-    # covariates that only the schedule knows cannot be ordered again
-    if {"supply_V", "temperature_K", "tilt_rad"} & made.table.keys() - table.keys():
-        return {}
-    return {"the same trials in random order, each distance from both sides": table}
 
 
 def _summary(drawn: TrialSchedule, campaign: Campaign, seed: int, file: str) -> DrawnSchedule:

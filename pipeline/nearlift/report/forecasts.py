@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from nearlift.results.design import (
-    BoundaryOutlook,
-    ChangeOption,
-    CheckedChange,
-    DesignOutlook,
-    PlanChanges,
-)
+from nearlift.results.design import BoundaryOutlook, DesignOutlook
 from nearlift.results.explanation import (
     EffectAccount,
     EffectAtBoundary,
@@ -103,47 +97,9 @@ def _design_boundary(at: BoundaryOutlook) -> list[str]:
     for lacking in at.untestable:
         if lacking.log_next_time:
             lines += wrap(f"Untestable: {lacking.effect}; log {', '.join(lacking.log_next_time)}.")
-    lines += _changes(at.changes)
+    if not at.groups:
+        lines += ["", "Nothing that would be detected is confounded with anything else."]
     return lines
-
-
-def _changes(changes: PlanChanges) -> list[str]:
-    if not changes.pairs:
-        return ["", "Nothing that would be seen is confused with anything else."]
-    lines = ["", "What would part them (expected evidence; 13 is enough for one pair)"]
-    for pair in changes.pairs:
-        one, other = pair.pair
-        lines.append(
-            f"  {one} of {size_text(pair.size, pair.unit)} against {other}: evidence"
-            f" {pair.evidence_now:.1f}"
-        )
-        if pair.held_together_by == "form":
-            lines.append(
-                "    more trials do not help: what is not known is the exact form of either"
-            )
-        elif not pair.options:
-            lines.append("    none of the proposals parts them within ten times its trials")
-        lines += [f"    {option.change}: {_cost(option)}" for option in pair.options]
-        if pair.log:
-            lines.append(f"    log: {', '.join(pair.log)}")
-    lines += ["", "Changes that serve most pairs"]
-    for best in changes.best:
-        cost = f"{best.trials} trials" if best.trials else "no further trial"
-        lines.append(f"  {best.change} ({cost}): parts {best.pairs_parted} of {best.pairs}")
-        checked = (best.rivals_after if isinstance(best, CheckedChange) else None) or ()
-        resolved = [r for r in checked if r.after < r.before - 0.2]
-        lines += [
-            f"    {r.pair[0]} taken for {r.pair[1]}: {100 * r.before:.0f} % ->"
-            f" {100 * r.after:.0f} %"
-            for r in resolved[:4]
-        ]
-    return lines
-
-
-def _cost(option: ChangeOption) -> str:
-    if option.evidence_per_trial is None:
-        return f"no further trial, evidence {option.evidence:.1f}"
-    return f"some {option.trials_to_part} trials (evidence {option.evidence_per_trial:.2g} each)"
 
 
 # one effect
