@@ -31,7 +31,7 @@ from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.search_problem import Options
 from nearlift.loop.size_parameter import size_parameters
 from nearlift.loop.visibility import visibility
-from nearlift.results.diagnosis import FORM_SD, LoopCoefficients, LoopEstimate
+from nearlift.results.diagnosis import FORM_SD
 
 GROUND = catalogue.model("sanchez_cuevas")
 NAMES = ("supply_sag", "session_gain", "warm_up", "zero_offset", "near_wall_saturation")
@@ -498,33 +498,6 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
         total += max(variance, 0.0) * columns @ columns.T
     assert np.abs(total).max() > 0
     assert unnamed @ unnamed.T == pytest.approx(total, rel=1e-4, abs=1e-6 * np.abs(total).max())
-
-
-@pytest.mark.parametrize(
-    ("r", "sign", "turns"), list(itertools.product([0.9, 0.51, 0.49, 0.0], [1, -1], [False, True]))
-)
-def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
-    effect = SimpleNamespace(name="supply_sag")
-    part, slope = np.array([1.0, 0.0]), 3 * np.array([sign * r, np.sqrt(1 - r**2)])
-    candidate = SimpleNamespace(effects=(effect,), contribution=lambda vector, which: part)
-    fitted = SimpleNamespace(candidate=candidate, vector=np.zeros(1), jacobian=slope[:, None])
-    stage = SimpleNamespace(space=SimpleNamespace(project=lambda x: x), base=GROUND)
-    before, after = (
-        LoopEstimate(value=value, lo90=0.0, hi90=0.0) for value in (1.5, -0.7 if turns else 2.25)
-    )
-    told = LoopCoefficients(before={"K_b": before}, after={"K_b": after}, carried=())
-    [row] = absorption.shifts(
-        stage, SimpleNamespace(accepted=(SimpleNamespace(fitted=fitted),)), told
-    )
-    assert row.correlation == pytest.approx(sign * r)
-    assert (row.text is not None) == (r > 0.5)
-    if row.text is not None:
-        assert ("changes its sign" in row.text, "moves by" in row.text) == (turns, not turns)
-        assert f"correlated ({'-' if sign < 0 else '+'}{r:.2f})" in row.text.replace(
-            "−", "-"
-        ).replace(" ", " ")
-        assert "a fit without supply_sag biases K_b" in row.text
-    assert absorption.shifts(stage, SimpleNamespace(accepted=()), told) == ()
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from tests.unit.simulated import campaign
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop import diagnose as loop
-from nearlift.loop import search, stability
+from nearlift.loop import search, stability, weigh
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
 from nearlift.loop.search_problem import Options
@@ -51,7 +51,7 @@ def sagging():
     answer = search.run(set_up(data, GROUND, (), Options())[0])
     assert answer.accepted[0].name == "supply_sag"
     (first,) = [e for e in answer.singles if e.name == "supply_sag"]
-    answer = replace(answer, accepted=(first,), singles=(first,), pairs=())
+    answer = replace(answer, accepted=(first,), allowed=(first,), singles=(first,), pairs=())
     value = float(first.fitted.vector[0])
     quoted = SimpleNamespace(
         headline="K_b", coefficients={"K_b": SimpleNamespace(value=value, u=0.1)}
@@ -258,7 +258,8 @@ def test_trials_that_decide_between_two_optima_of_one_effect_are_tried(
 def test_trials_that_keep_a_rival_in_the_set_or_outside_are_tried(sagging, within, moved, tried):
     answer, quoted = sagging
     (first,) = answer.accepted
-    behind = PLAIN_2LNB / 2 + (-4.0 if within else 4.0)
+    # next to one other an explanation belongs to the set from 1/19 of its weight on
+    behind = weigh.TEMPERATURE * np.log(19) + (-4.0 if within else 4.0)
     evidence = replace(
         first.evidence,
         exact=first.evidence.exact - behind,
@@ -272,7 +273,8 @@ def test_trials_that_keep_a_rival_in_the_set_or_outside_are_tried(sagging, withi
     candidate = replace(fitted.candidate, effects=(replace(effect, name="another"),))
     first = replace(first, fitted=mine)
     rival = replace(first, fitted=replace(fitted, candidate=candidate), evidence=evidence)
-    among = replace(answer, singles=(first, rival), accepted=(first, rival) if within else (first,))
+    both = first, rival
+    among = replace(answer, singles=both, allowed=both, accepted=both if within else (first,))
     assert decided(among, quoted) == ([answer.problem.data.trial[7]] if tried else [])
 
 

@@ -91,10 +91,22 @@ def test_first_order_evidence_of_an_effect_is_its_gain_by_least_squares():
 
 
 def test_the_set_is_the_smallest_that_holds_its_probability():
-    log = weigh.TEMPERATURE * np.log([[0.04, 0.5], [0.5, 0.05], [0.46, 0.45]])
+    log = np.log([[0.04, 0.5], [0.5, 0.05], [0.46, 0.45]])
     assert weigh.in_credible_set(log).T.tolist() == [[False, True, True], [True, False, True]]
     excluded = np.full((2, 1), -np.inf)
     assert not weigh.in_credible_set(excluded).any()
+
+
+@pytest.mark.parametrize("weights", [(0.5, 0.45, 0.05), (0.9, 0.02, 0.01, 0.04), (0.7, 0.3)])
+def test_membership_turns_where_the_margin_says(weights):
+    for i in range(len(weights)):
+        log = np.log(weights)
+        margin = weigh.membership_margin(log, i)
+        assert (margin > 0) == weigh.in_credible_set(log)[i]
+        for past, member in ((1e-6, False), (-1e-6, True)):
+            turned = log.copy()
+            turned[i] -= margin / weigh.TEMPERATURE + past
+            assert weigh.in_credible_set(turned)[i] == member
 
 
 def test_an_effect_of_stated_size_pays_for_a_larger_one():

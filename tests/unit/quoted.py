@@ -36,7 +36,6 @@ EMPTY_BLOCK: Mapping[str, Any] = {
         "dof": None,
     },
     "L_inf_N": {},
-    "shifts": [],
     "limits": [],
     "within_trial": None,
     "untestable": [],

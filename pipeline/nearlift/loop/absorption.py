@@ -1,6 +1,4 @@
-"""Confounding of the coefficients with named effects, single visits and session gains, in numbers
-and in words.
-"""
+"""Coefficients that single visits or session gains determine, in numbers and in words."""
 
 from __future__ import annotations
 
@@ -11,62 +9,14 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.families import indicators
 from nearlift.loop.few_visits import applies
-from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.nomenclature import letter
-from nearlift.results.diagnosis import CoefficientLimit, CoefficientShift, LoopCoefficients, Station
-from nearlift.rounding import signed
+from nearlift.results.diagnosis import CoefficientLimit, Station
 
 #: Share of a coefficient's information from one distance that makes it depend on that distance.
 SINGLE_VISIT_SHARE = 0.5
-#: Absolute correlation from which an effect and a coefficient count as confounded.
-CONFOUNDED = 0.5
 #: Share of a coefficient's information left beside a gain for each session or visit below which the
 #: gain absorbs the coefficient.
 ABSORBED = 0.01
-
-
-def shifts(
-    problem: SearchProblem, answer: Answer, coefficients: LoopCoefficients
-) -> tuple[CoefficientShift, ...]:
-    """Correlation of each named effect with each coefficient, and the coefficient's shift.
-
-    The correlation is between the effect's contribution and the coefficient's derivative over
-    trials, whitened and with L_inf projected out. Where it is large, a fit without the effect
-    assigns the effect to the coefficient.
-    """
-    absorbing = []
-    for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
-        best = answer.accepted[0].fitted
-        part = problem.space.project(best.candidate.contribution(best.vector, effect))
-        jacobian = best.jacobian
-        for i, parameter in enumerate(problem.base.parameters):
-            slope = jacobian[:, i]
-            lengths = float(np.linalg.norm(part) * np.linalg.norm(slope))
-            r = float(part @ slope) / lengths if lengths > 0 else 0.0
-            before, after = (
-                known[parameter.name].value for known in (coefficients.before, coefficients.after)
-            )
-            text = None
-            if abs(r) >= CONFOUNDED:
-                moved, name = f"moves by {signed(after - before, 2)}", letter(parameter.name)
-                fate = "changes its sign" if before * after < 0 else moved
-                text = (
-                    f"With {effect.name} in the model {name} {fate}. Over these trials"
-                    f" {effect.name} and distance are correlated ({signed(r, 2)}), so a fit without"
-                    f" {effect.name} biases {name}."
-                )
-            absorbing.append(
-                CoefficientShift(
-                    effect=effect.name,
-                    coefficient=parameter.name,
-                    before=before,
-                    after=after,
-                    correlation=r,
-                    text=text,
-                )
-            )
-    return tuple(absorbing)
 
 
 def unidentifiable_coefficients(

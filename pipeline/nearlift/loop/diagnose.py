@@ -130,10 +130,7 @@ def diagnose(
             answer, scored, noise.floor(problem.data, problem.noise, problem.slope)
         )
     answers = coefficients.answers(answer)
-    estimates, limits = (
-        answers.estimates(),
-        absorption.unidentifiable_coefficients(problem, answer.best),
-    )
+    limits = absorption.unidentifiable_coefficients(problem, answer.best)
     findings = BoundaryDiagnosis(
         base_model=problem.base.name,
         false_alarm_rate=problem.options.false_alarm_rate,
@@ -157,8 +154,7 @@ def diagnose(
             answer.best,
             answer.accepted[0].form_discrepancy if answer.accepted else answers.unnamed,
         ),
-        coefficients=estimates,
-        shifts=absorption.shifts(problem, answer, estimates),
+        coefficients=answers.estimates(),
         limits=limits,
         within_trial=heating(problem.data, library, rate),
         not_testable=untestable,
@@ -259,9 +255,7 @@ def decide(
             )
     if unconfirmed:
         # effects that do not improve held-out predictions are not named, however well they fit
-        return dataclasses.replace(
-            decided, refuted=answer.accepted, answer=dataclasses.replace(answer, accepted=())
-        )
+        return dataclasses.replace(decided, refuted=answer.accepted, answer=answer.without_names())
     return dataclasses.replace(decided, answer=answer)
 
 

@@ -151,7 +151,7 @@ def run(problem: SearchProblem) -> Answer:
     first = problem.nothing_added[0]
     working = dataclasses.replace(problem, independent=True)
     if not first.present:
-        return Answer(problem=working, first=first, singles=(), pairs=(), accepted=())
+        return Answer(problem=working, first=first, singles=(), pairs=())
     seen = visible(working)
     alone = left_out(working, ())
     # without its visit a trial may have no L_inf, whatever the effect
@@ -177,8 +177,14 @@ def run(problem: SearchProblem) -> Answer:
         best, to_beat = leader.fitted.candidate.effects, errors[leader.name]
     singles, pairs = (*rounds, (), ())[:2]
     accepted = [e for e in pairs if e.accepted] or [e for e in singles if e.accepted]
-    rivals = weigh.credible_set(working, accepted)
-    return Answer(problem=working, first=first, singles=singles, pairs=pairs, accepted=rivals)
+    return Answer(
+        problem=working,
+        first=first,
+        singles=singles,
+        pairs=pairs,
+        allowed=tuple(e for e in (*singles, *pairs) if e.may_be_named),
+        accepted=weigh.credible_set(working, accepted),
+    )
 
 
 def _explanation(

@@ -231,7 +231,7 @@ class DesignPower:
         )
         # once one may be named, others are rivals by their evidence alone
         allowed = accepted.any(axis=0) & (table > 0)
-        member = weigh.in_credible_set(np.where(allowed, table, -np.inf))
+        member = weigh.in_credible_set(np.where(allowed, table, -np.inf) / weigh.TEMPERATURE)
         leader = np.where(allowed, table, -np.inf).argmax(axis=0)
         total = max(int(seen.sum()), 1)
         rivals = {

@@ -79,8 +79,8 @@ def large(answer: Answer) -> tuple[Candidate, FloatArray] | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """Outcome of one pass. `accepted` is ordered, best first; `singles` and `pairs` are all that
-    were tried.
+    """Outcome of one pass. `singles` and `pairs` are all explanations that were tried, `allowed`
+    those that may be named, and `accepted` the set of rivals among these, the likeliest first.
 
     `contradicted` lists the evidence against a base model without residual structure.
     """
@@ -89,7 +89,8 @@ class Answer:
     first: Structure
     singles: tuple[Explanation, ...]
     pairs: tuple[Explanation, ...]
-    accepted: tuple[Explanation, ...]
+    allowed: tuple[Explanation, ...] = ()
+    accepted: tuple[Explanation, ...] = ()
     contradicted: tuple[str, ...] = ()
 
     @property
@@ -102,9 +103,8 @@ class Answer:
     def claimed_below(self, threshold: float) -> Answer:
         """Answer with a claim only if a test's log10 p is below `threshold`."""
         first = dataclasses.replace(self.first, threshold=threshold)
-        return dataclasses.replace(
-            self, first=first, accepted=self.accepted if first.present else ()
-        )
+        answer = dataclasses.replace(self, first=first)
+        return answer if first.present else answer.without_names()
 
     @property
     def random_walk_gain(self) -> float:
@@ -143,18 +143,21 @@ class Answer:
         kept |= {(name,) for names in kept for name in names}
         return frozenset(kept)
 
-    @property
-    def allowed(self) -> tuple[Explanation, ...]:
-        """Explanations that may be named; none where the verdict is not ``effect``."""
-        tried = (*self.singles, *self.pairs) if self.accepted else ()
-        named = {e.effects: e for e in self.accepted}
-        return tuple(named.get(e.effects, e) for e in tried if e.effects in named or e.may_be_named)
-
     @cached_property
     def probabilities(self) -> tuple[ExplanationProbability, ...]:
         """Probabilities of everything that was weighed; they sum to 1."""
         tried = (*self.singles, *self.pairs)
-        return weigh.weigh(self.problem, self.first, tried, self.allowed)
+        return weigh.weigh(self.problem, self.first, tried, self.allowed if self.accepted else ())
+
+    @property
+    def nameless_is_likeliest(self) -> bool:
+        """Whether nameless structure of any kind is likelier than each explanation."""
+        nameless = sum(e.probability for e in self.probabilities if e.nameless)
+        return nameless > max((e.probability for e in self.probabilities if e.effects), default=0.0)
+
+    def without_names(self) -> Answer:
+        """Answer that names no effect."""
+        return dataclasses.replace(self, accepted=())
 
     @property
     def probability(self) -> float:
@@ -182,7 +185,7 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """
     first, _ = problem.nothing_added
     if not first.present:
-        return Answer(problem=problem, first=first, singles=(), pairs=(), accepted=())
+        return Answer(problem=problem, first=first, singles=(), pairs=())
     seen = {e.name: e for e, _ in problem.library}
     if shortlist:
         seen = {name: e for name, e in seen.items() if (name,) in shortlist}
@@ -217,20 +220,23 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     pairs = tuple(
         problem.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
     )
-    both = (*singles, *pairs)
-    may_be_named = [e for e in both if e.may_be_named and e.name not in disowned]
-    if not any(e.accepted for e in both):
-        may_be_named = []
-    accepted = weigh.credible_set(problem, may_be_named)
-    if accepted:
-        # nameless structure that is likelier than every explanation leaves none a name
-        listed = weigh.weigh(problem, first, (), may_be_named)
-        unnamed = sum(e.probability for e in listed if e.nameless)
-        if unnamed > max((e.probability for e in listed if e.effects), default=0.0):
-            accepted = ()
+    allowed: tuple[Explanation, ...] = ()
+    if any(e.accepted for e in (*singles, *pairs)):
+        possible = (e for e in (*singles, *pairs) if e.may_be_named)
+        allowed = tuple(e for e in possible if e.name not in disowned)
+    accepted = weigh.credible_set(problem, allowed)
     if len(accepted) == 1:
         accepted = (accepted[0].without_rivals(),)
-    return Answer(problem=problem, first=first, singles=singles, pairs=pairs, accepted=accepted)
+    answer = Answer(
+        problem=problem,
+        first=first,
+        singles=singles,
+        pairs=pairs,
+        allowed=allowed,
+        accepted=accepted,
+    )
+    outweighed = accepted and answer.nameless_is_likeliest
+    return answer.without_names() if outweighed else answer
 
 
 def promising(

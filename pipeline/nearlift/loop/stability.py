@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.loop import weigh
 from nearlift.loop.admission import few
 from nearlift.loop.candidate_fit import Fitted, optima
-from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
+from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.results import Observations
@@ -79,14 +80,12 @@ def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice
     for other in optima(fitted.candidate, problem.starts, problem.log_lift):
         if abs(other.vector[i] - fitted.vector[i]) > headline.u and np.isfinite(other.cost):
             chosen.append((fitted, other, (other.cost - fitted.cost) / 2))
-    for e in (*answer.singles, *answer.pairs):
+    log_weight = weigh.log_weights(problem, answer.allowed)
+    for j, e in enumerate(answer.allowed):
         far = abs(e.fitted.vector[i] - headline.value) > headline.u
-        if far and e.may_be_named and e.effects != first.effects:
-            within = PLAIN_2LNB / 2 - (first.evidence.log - e.evidence.log)
-            if e.effects in named:
-                chosen.append((e.fitted, fitted, within))
-            elif within < 0:
-                chosen.append((fitted, e.fitted, -within))
+        if far and e.effects != first.effects:
+            within = weigh.membership_margin(log_weight, j)
+            chosen.append((e.fitted, fitted, within) if within > 0 else (fitted, e.fitted, -within))
     return chosen
 
 

@@ -121,41 +121,55 @@ def log_odds(problem: SearchProblem, effects: int) -> float:
     return single if effects < 2 else single + LOG_SECOND_ODDS - float(np.log((n - 1) / 2))
 
 
+def log_weights(problem: SearchProblem, explanations: Sequence[Explanation]) -> FloatArray:
+    """Log of the relative probabilities of explanations, (k,)."""
+    return np.array(
+        [e.evidence.log / TEMPERATURE + log_odds(problem, len(e.effects)) for e in explanations]
+    )
+
+
 def relative(problem: SearchProblem, explanations: Sequence[Explanation]) -> FloatArray:
     """Probabilities of explanations, (k,), if one of them is true."""
     from scipy.special import softmax
 
-    log = [e.evidence.log / TEMPERATURE + log_odds(problem, len(e.effects)) for e in explanations]
-    return np.asarray(softmax(log))
+    return np.asarray(softmax(log_weights(problem, explanations)))
 
 
 def credible_set(
     problem: SearchProblem, explanations: Sequence[Explanation]
 ) -> tuple[Explanation, ...]:
     """The fewest explanations that hold `SET_PROBABILITY`, the likeliest first."""
-    log = np.array(
-        [e.evidence.log + TEMPERATURE * log_odds(problem, len(e.effects)) for e in explanations]
-    )
+    log = log_weights(problem, explanations)
     member = in_credible_set(log)
     return tuple(explanations[i] for i in np.argsort(-log, kind="stable") if member[i])
 
 
-def in_credible_set(log_evidence: FloatArray) -> NDArray[np.bool_]:
-    """Membership in the smallest set that holds `SET_PROBABILITY`, of explanations of equal odds.
+def in_credible_set(log_weight: FloatArray) -> NDArray[np.bool_]:
+    """Membership in the smallest set that holds `SET_PROBABILITY`.
 
-    `log_evidence` is (k, ...), minus infinity for those that are excluded; the same shape.
+    `log_weight` is (k, ...), minus infinity for those that are excluded; the same shape.
     """
-    if not len(log_evidence):
-        return np.zeros(log_evidence.shape, dtype=bool)
-    tempered = (log_evidence - np.maximum(log_evidence.max(axis=0), -1e300)) / TEMPERATURE
-    probability = np.exp(tempered)
+    if not len(log_weight):
+        return np.zeros(log_weight.shape, dtype=bool)
+    probability = np.exp(log_weight - np.maximum(log_weight.max(axis=0), -1e300))
     order = np.argsort(-probability, axis=0, kind="stable")
     falling = np.take_along_axis(probability, order, 0)
     before = np.cumsum(falling, axis=0) - falling
     kept = (before < SET_PROBABILITY * falling.sum(axis=0)) & (falling > 0)
-    member = np.zeros(log_evidence.shape, dtype=bool)
+    member = np.zeros(log_weight.shape, dtype=bool)
     np.put_along_axis(member, order, kept, 0)
     return member
+
+
+def membership_margin(log_weight: FloatArray, i: int) -> float:
+    """Log evidence by which explanation i is inside the set, negative outside, the others fixed."""
+    weight = np.exp(log_weight - log_weight.max())
+    others = -np.sort(-np.delete(weight, i))
+    before = np.r_[0.0, np.cumsum(others)]
+    # least weight in each place of the order that leaves less than the set's share before it
+    needed = np.maximum(before / SET_PROBABILITY - before[-1], np.r_[others, 0.0])
+    enters = needed[needed <= np.r_[np.inf, others]].min()
+    return TEMPERATURE * float(np.log(weight[i] / enters))
 
 
 def weigh(

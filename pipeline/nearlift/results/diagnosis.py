@@ -175,20 +175,6 @@ class LoopCoefficients:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CoefficientShift:
-    """Shift of a coefficient with an effect in the model, and their correlation over these trials;
-    `text` where that is large.
-    """
-
-    effect: str
-    coefficient: str
-    before: Real
-    after: Real
-    correlation: Real
-    text: IfAny[str] = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Station:
     """A distance over rotor radius."""
 
@@ -270,7 +256,6 @@ class BoundaryDiagnosis:
     noise: Annotated[Noise, Field(alias="noise_floor")]
     L_inf_N: Mapping[NumberKey, ValueWithU]
     coefficients: LoopCoefficients
-    shifts: tuple[CoefficientShift, ...]
     limits: tuple[CoefficientLimit, ...]
     within_trial: WithinTrial | None
     not_testable: Annotated[tuple[UntestableEffect, ...], Field(alias="untestable")]

@@ -63,10 +63,6 @@ def _section(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosi
     verdict = Markup('<p class="verdict">{}</p>').format(
         tables.typeset(words.verdict(evidence, boundary))
     )
-    limits = [
-        *(s.text for s in diagnosis.shifts if s.text is not None),
-        *(limit.text for limit in diagnosis.limits),
-    ]
     return [
         blocks.heading(boundary.capitalize()),
         verdict,
@@ -75,7 +71,7 @@ def _section(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosi
         _unexplained(place, diagnosis),
         _error(place, diagnosis, evidence.left_out),
         _within_trial(place, diagnosis),
-        *(blocks.paragraph("{}", tables.typeset(text)) for text in limits),
+        *(blocks.paragraph("{}", tables.typeset(limit.text)) for limit in diagnosis.limits),
         _untestable(diagnosis),
         *(_next(place.at("next_experiment", i)) for i in range(len(diagnosis.next_experiment))),
         *(_sizes(e) for e in effects if len(e.sizes) > MAX_SIZES),
