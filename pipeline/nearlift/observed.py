@@ -12,7 +12,9 @@ from nearlift import catalogue
 from nearlift.campaign.manifest import Campaign, boundaries_of
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ManifestError
+from nearlift.flow.downwash import LEVEL_RAD, NOT_AT_THE_DISK
 from nearlift.likelihood.level_curve import with_curve
+from nearlift.loop.inflow import MeasuredDownwash
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.search_problem import Options
 from nearlift.nomenclature import CARRIED
@@ -171,4 +173,20 @@ def search_options(campaign: Campaign, seed: int) -> Options:
         seed=seed,
         false_alarm_rate=asked.false_alarm_rate,
         not_feasible=tuple(asked.not_feasible),
+    )
+
+
+def at_the_disk(cuts: Trials, boundary: Boundary) -> tuple[MeasuredDownwash, ...]:
+    """Downwash of the level cuts near a boundary that measure the inflow at the disk.
+
+    `cuts` are the columns of downwash.parquet.
+    """
+    level = (cuts["rotor"] == "all") & (cuts["boundary"] == boundary)
+    level &= (np.abs(cuts["tilt_rad"]) < LEVEL_RAD) & np.isfinite(cuts["u_reduction"])
+    inflow = [not {*str(w).split()} & {*NOT_AT_THE_DISK} for w in cuts["warnings"]]
+    return tuple(
+        MeasuredDownwash(z_hat=float(z), ratio=float(1 - reduction), u=float(u))
+        for z, reduction, u in zip(
+            *(cuts[n][level & inflow] for n in ("z_hat", "reduction", "u_reduction")), strict=True
+        )
     )

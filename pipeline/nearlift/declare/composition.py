@@ -14,6 +14,9 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
     """A lift model with effects added; it is again a lift model, so nothing downstream learns that
     effects exist.
 
+    Downwash is changed by effects on the inflow alone: the model's, divided by their change of the
+    ratio.
+
     Height effects act on z_hat before the model, ratio effects on its result, force effects on the
     product with L_inf. Their parameters keep their names; two effects with a parameter of the same
     name are refused. An effect's need of `z_hat` is met by the composition itself, with the height
@@ -50,14 +53,27 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
             lift = effect.evaluate(lift, **arguments(effect, values, z_hat))
         return lift / lift_inf
 
+    def downwash(z_hat: Any, /, **values: Any) -> Any:
+        assert model.downwash is not None
+        for effect in by_kind["height"]:
+            if effect.inflow:
+                z_hat = effect.evaluate(z_hat, **arguments(effect, values, z_hat))
+        known = arguments(model, values, z_hat)
+        before = after = model.evaluate(z_hat, **known)
+        for effect in by_kind["ratio"]:
+            if effect.inflow:
+                after = effect.evaluate(after, **arguments(effect, values, z_hat))
+        return model.downwash(z_hat, **known) * (before / after)
+
     null = {p.name: p.value for e in effects for p in e.parameters}
     extra = {n: 1.0 for n in needs if n not in model.needs}
     checks = tuple(replace(c, arguments={**c.arguments, **null, **extra}) for c in model.checks)
+    names = (*needs, *(p.name for p in parameters))
     return LiftModel(
         name="_with_".join((model.name, *(e.name for e in effects))),
         title=" + ".join((model.title, *(e.title for e in effects))),
         formula=model.formula,
-        evaluate=with_keywords(evaluate, (*needs, *(p.name for p in parameters))),
+        evaluate=with_keywords(evaluate, names),
         parameters=parameters,
         needs=tuple(needs),
         valid_z_hat=model.valid_z_hat,
@@ -65,6 +81,6 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
         checks=checks,
         boundary=model.boundary,
         rotors=model.rotors,
-        downwash=None,
+        downwash=with_keywords(downwash, names) if model.downwash else None,
         tends_to_one=model.tends_to_one,
     )

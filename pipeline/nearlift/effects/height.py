@@ -33,7 +33,7 @@ def height_offset(z_hat: Any, /, *, radius_m: Any, offset_m: Any) -> Any:
 
 HEIGHT_OFFSET = Effect(
     "height_offset", "Height offset", r"\hat{z} \to \hat{z} + \delta / r", height_offset,
-    acts_on="height", error_of="height", varies_with="z_hat", needs=("radius_m",),
+    acts_on="height", inflow=True, error_of="height", varies_with="z_hat", needs=("radius_m",),
     mechanism="the traverse's zero is not the rotor plane",
     separated_by="a touch-off with a gauge, or stations beyond z_hat = 3",
     parameters=(
@@ -76,7 +76,7 @@ def height_scale(z_hat: Any, /, *, z_scale: Any) -> Any:
 
 HEIGHT_SCALE = Effect(
     "height_scale", "Height scale", r"\hat{z} \to \hat{z} (1 + \epsilon)", height_scale,
-    acts_on="height", varies_with="z_hat",
+    acts_on="height", inflow=True, varies_with="z_hat",
     mechanism="the lead of the traverse differs from what its counter assumes",
     separated_by="an independent gauge at two heights",
     parameters=(

@@ -39,7 +39,7 @@ NEAR_WALL_SATURATION = Effect(
     "near_wall_saturation", "Near-wall saturation",
     r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + \hat{z}_v^2 /"
     r" \hat{z}^2\right)^{-q}",
-    near_wall_saturation, acts_on="ratio", belongs_to="vehicle", varies_with="z_hat",
+    near_wall_saturation, acts_on="ratio", inflow=True, belongs_to="vehicle", varies_with="z_hat",
     needs=("z_hat",),
     mechanism="viscosity and turning losses in a narrow gap hold the gain back",
     separated_by="stations below z_hat = 0.3, a rotor of another size, and logged rpm and power",
@@ -294,7 +294,7 @@ def image_strength(ratio: Any, /, *, strength: Any) -> Any:
 
 IMAGE_STRENGTH = Effect(
     "image_strength", "Image strength", r"\frac{1}{1 - s} \to \frac{1}{1 - \kappa s}",
-    image_strength, acts_on="ratio", belongs_to="vehicle", varies_with="z_hat",
+    image_strength, acts_on="ratio", inflow=True, belongs_to="vehicle", varies_with="z_hat",
     boundaries=("ground",),
     mechanism="images cancel more or less of the inflow than point sources in potential flow do",
     separated_by="stations below z_hat = 1 and beyond 5",
@@ -352,7 +352,7 @@ PLATE_EDGE = Effect(
     "plate_edge", "Plate edge",
     r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 - s \, e^{-\hat{W}^2"
     r" / \hat{z}^2}\right)",
-    plate_edge, acts_on="ratio", varies_with="z_hat", needs=("z_hat",),
+    plate_edge, acts_on="ratio", inflow=True, varies_with="z_hat", needs=("z_hat",),
     mechanism="the plate ends, and mirrors only what it catches of the wake",
     separated_by="the plate moved sideways, a larger one, or stations between 3 and 10",
     parameters=(

@@ -28,6 +28,8 @@ WAKE_HAT = 0.5
 #: A wake's speed may be this factor above or below that of the hovering vehicle (a quarter to full
 #: throttle is a factor of 2.3).
 SPEED_FACTOR = 10.0
+#: A vehicle tilted by less than this is level.
+LEVEL_RAD = 1e-4
 #: Part of the span that must have vectors.
 COVERED = 0.9
 #: Part of the span that may lie in the measured stagnation zone.

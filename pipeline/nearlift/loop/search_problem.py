@@ -30,6 +30,7 @@ from nearlift.loop.evidence import (
 )
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import families
+from nearlift.loop.inflow import MeasuredDownwash, log_density
 from nearlift.loop.random_walk_gain import bic_penalty, likeliest, waves
 from nearlift.loop.starts import Starts
 from nearlift.loop.structure import Hypothesis, Null, Structure
@@ -50,7 +51,8 @@ class Options:
     """How the search is run; `form_sd` and `multiplicity` exist to show what breaks without them.
 
     `not_feasible` is what the bench cannot do, and what is not proposed: "closer", "farther", "both
-    directions". Without `pairs`, as where trials are few, a single effect must do.
+    directions". Without `pairs`, as where trials are few, a single effect must do. `downwash` is
+    what PIV measured at the disk near this boundary.
     """
 
     seed: int = 0
@@ -59,6 +61,7 @@ class Options:
     form_sd: float = FORM_SD
     multiplicity: bool = True
     pairs: bool = True
+    downwash: tuple[MeasuredDownwash, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -326,7 +329,8 @@ class SearchProblem:
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
         """Explanation of a fit with form discrepant by `form_sd`, its residuals not tested yet."""
         exact, discrepant = self.linear_fits(fitted, form_sd)
-        gain, penalty = self.gain(fitted, form_sd), self.stated_penalty(fitted)
+        gain = self.gain(fitted, form_sd)
+        other = self.downwash_evidence(fitted) - self.stated_penalty(fitted)
         return Explanation(
             fitted=fitted,
             form_sd=form_sd,
@@ -335,11 +339,16 @@ class SearchProblem:
             gain=gain,
             needed=all(bool(self.explains_enough(gain - g, self.excess - g)) for g in without),
             evidence=ExplanationEvidence(
-                exact=self.log_evidence(exact) - penalty,
-                discrepant=self.log_evidence(discrepant) - penalty,
+                exact=self.log_evidence(exact) + other,
+                discrepant=self.log_evidence(discrepant) + other,
                 unnamed=self.unnamed,
             ),
         )
+
+    def downwash_evidence(self, fitted: Fitted) -> float:
+        """Log Bayes factor over the base model by the measured downwash."""
+        measured = self.options.downwash
+        return log_density(measured, fitted) - log_density(measured, self.base_fit)
 
     def stated_penalty(self, fitted: Fitted) -> float:
         """Log prior density, less its maximum, of sizes whose uncertainty the manifest states.

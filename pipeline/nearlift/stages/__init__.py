@@ -13,6 +13,6 @@ from nearlift.run.engine import ordered_stages, products_of
 from nearlift.run.tables import PROVENANCE
 
 #: A new stage is one more name, and a file of that name with its `STAGE`.
-ORDER = ("ingest", "reduce", "fit", "diagnose", "flow", "simulate", "detect", "report")
+ORDER = ("ingest", "reduce", "fit", "flow", "diagnose", "simulate", "detect", "report")
 STAGES = ordered_stages(importlib.import_module(f"nearlift.stages.{name}").STAGE for name in ORDER)
 PRODUCTS = (*products_of(STAGES), PROVENANCE)

@@ -11,6 +11,7 @@ from nearlift.run import tables
 from nearlift.run.engine import Job, Option, Outcome, Say, Stage, StageQuestion, subprogress
 from nearlift.run.tables import Product, real, text
 from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.flow import DOWNWASH
 from nearlift.stages.ingest import TRIALS
 
 if TYPE_CHECKING:
@@ -48,13 +49,22 @@ LOOP_RESIDUALS = Product(
 
 def run(job: Job) -> Outcome:
     """Diagnose each boundary; of one that cannot be, its block and a note say why."""
+    from dataclasses import replace
+
     import numpy as np
 
     from nearlift.fit.base_result import base_result, shape_doubts
     from nearlift.fit.least_squares import fit
     from nearlift.likelihood import budget
     from nearlift.loop.diagnose import diagnose
-    from nearlift.observed import boundaries, choice, interim_look, observe, search_options
+    from nearlift.observed import (
+        at_the_disk,
+        boundaries,
+        choice,
+        interim_look,
+        observe,
+        search_options,
+    )
     from nearlift.report import phrases
     from nearlift.results.diagnosis import DiagnosisResults, NotDiagnosed
     from nearlift.results.fit import FitResults
@@ -66,17 +76,19 @@ def run(job: Job) -> Outcome:
     quoted: dict[Boundary, BoundaryResult] = {}
     residuals, notes = list[tables.Table](), list[str]()
     present = boundaries(trials)
+    cuts = job.read(DOWNWASH) if (job.processed / DOWNWASH.file).is_file() else None
     for i, boundary in enumerate(present):
         say = subprogress(job.say, i, len(present))
         say(f"diagnose {boundary}")
         data, (base, _) = observe(trials, job.campaign, boundary), choice(job.campaign, boundary)
         base_fit = fitted.boundaries[boundary][base.name]
+        downwash = at_the_disk(cuts, boundary) if cuts and base.downwash else ()
         try:
             diagnosis = diagnose(
                 data,
                 base,
                 parts,
-                options,
+                replace(options, downwash=downwash),
                 look=interim_look(trials, job.campaign, boundary),
                 progress=partial(_say_fold, say, boundary),
             )
@@ -101,6 +113,7 @@ def run(job: Job) -> Outcome:
             *(loop.contradicted or ()),
             phrases.random_walk(loop.wander) if loop.wander else "",
             phrases.dependence(diagnosis.quoted),
+            f"downwash at {len(downwash)} distances enters the probabilities" if downwash else "",
         )
         notes += [f"{boundary}: {remark}" for remark in remarks if remark]
     job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, residuals))
@@ -143,7 +156,7 @@ STAGE = Stage(
     name="diagnose",
     run=run,
     summary="look for the cause of the residuals",
-    reads=(TRIALS, FIT),
+    reads=(TRIALS, FIT, DOWNWASH),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
     question=StageQuestion(

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
-from nearlift.flow.downwash import NOT_AT_THE_DISK
+from nearlift.flow.downwash import LEVEL_RAD, NOT_AT_THE_DISK
 from nearlift.report.evidence import Evidence, Part, frame, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.flow_panels import origin
@@ -29,7 +29,6 @@ MODELS = {
 }
 BOUNDARIES: tuple[Boundary, ...] = ("ground", "ceiling")
 COLUMNS = ("panel", "kind", "label", "z_hat", "reduction_percent", "lo90_percent", "hi90_percent")
-LEVEL_RAD = 1e-4
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
