@@ -42,9 +42,9 @@ def test_every_format_is_recognised_and_its_block_names_the_reader_and_the_force
         (b"t,F\n0.1,2\n0.2,3\n", "csv"),
         (b"F\n1\n2\n", "csv"),
         (b"t;F\n0.1;2\n0.2;3\n", "text"),
-        (b"a log of 12:30\nt,F\n0.1,2\n0.2,3\n", "text"),
-        (b"# t,F\n0.1,2\n0.2,3\n", "text"),
-        (b"t,F\n s,N\n0.1,2\n0.2,3\n", "text"),
+        (b"a log of 12:30\nt,F\n0.1,2\n0.2,3\n", "csv"),
+        (b"# t,F\n0.1,2\n0.2,3\n", "csv"),
+        (b"t,F\n s,N\n0.1,2\n0.2,3\n", "csv"),
     ],
 )
 def test_plain_csv_gets_the_reader_of_plain_csv_and_all_other_text_that_of_text(

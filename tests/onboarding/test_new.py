@@ -290,3 +290,18 @@ def test_every_new_manifest_asks_how_well_radius_and_spacing_are_known(tmp_path)
         text = (tmp_path / str(i) / "campaign.toml").read_text()
         for on in ("rotor_radius", "rotor_spacing"):
             assert re.search(rf'# on    = "{on}".*\n# value = "FILL IN percent"', text)
+
+
+def test_a_long_table_of_parquet_becomes_a_campaign(tmp_path: Path) -> None:
+    small_run.write(tmp_path / "c", form="parquet")
+    table = tmp_path / "c" / "records.parquet"
+    answer = nearlift("new", tmp_path / "new", "--from", table)
+    assert answer.exit_code == 0, answer.output
+    made = (tmp_path / "new" / "campaign.toml").read_text()
+    assert 'reader = "parquet"' in made
+    assert 'files  = "records.parquet"' in made
+    listed = (tmp_path / "new" / "trials.csv").read_text().splitlines()
+    own = (tmp_path / "c" / "trials.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in listed[1:]] == sorted(
+        line.split(",")[0] for line in own[1:]
+    )

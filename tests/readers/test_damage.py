@@ -494,12 +494,6 @@ STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
         "has 2 cells under 1 column names",
     ),
     (
-        "13 UTF-16 in a csv",
-        everywhere(lambda c: c.decode().encode("utf-16")),
-        4,
-        'is UTF-16 text\n  save it as UTF-8, or say reader = "text"',
-    ),
-    (
         "13 ambiguous commas",
         by_text(lambda c: b"force\n" + b"1,234\n" * 500),
         4,

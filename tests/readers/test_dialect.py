@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from tests.readers.reading import put, read, values
+from tests.readers.reading import read
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import dialect, table, text
@@ -16,7 +14,9 @@ from nearlift.readers.dialect import Dialect, sniff
 
 
 def layout(content: str | bytes, said: Dialect = dialect.UNSTATED) -> table.Layout:
-    return sniff(content if isinstance(content, bytes) else content.encode(), "f.txt", said)
+    whole = content if isinstance(content, bytes) else content.encode()
+    plain = text.plain(whole, "f.txt", said)
+    return sniff(plain.lines(text.HEAD), "f.txt", plain.said)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_one_dialect_fits(
         ("t,F\n2,3\n\nt,F,T\n4,5,6\n", "line 4: holds words and no number, .* another table"),
         ("a table\n-;-\n2;3\n4;5\n", "line 2: holds '-' where the columns' names should be"),
         (b"\x1f\x8b\x08\x00abc", "is compressed\n  unpack it"),
-        (b"t,F\n1,2\n\0\0\0\0\0\0 3,4\n", "is no text: it holds NUL bytes"),
+        (b"t,F\n1,2\n\0\0\0\0\0\0 3,4\n", "line 3: holds NUL bytes"),
         (b"\xff\xfet\x00,", "holds no row of numbers"),
     ],
 )
@@ -84,36 +84,6 @@ def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
     with pytest.raises(InputRefused, match=r"can be read in two ways: separated by semicolons"):
         layout(mixed, Dialect(columns=columns))
     assert layout(mixed, Dialect(columns=columns, separator="semicolon")).decimal == ","
-
-
-def test_a_stated_separator_that_no_line_holds_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputRefused, match="is one column"):
-        layout("F\n1\n2\n", Dialect(separator="comma"))
-    assert values(text.csv_contents(put(tmp_path, "F\n1\n2\n"), {}, None)) == [1, 2]
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.data())
-def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObject) -> None:
-    separator = data.draw(st.sampled_from("\t;,| "))
-    number = st.sampled_from(["1", "1.5", "2,5", "1,234", "nan", "", "-3e2", "x"])
-    row = st.lists(number, min_size=1, max_size=3).map(separator.join)
-    usual = data.draw(row)
-    header = separator.join("abc"[: usual.count(separator) + 1])
-    lines = ["a log"] * data.draw(st.sampled_from([0, 2, 85, 120])) + [header] + [usual] * 150
-    for at in data.draw(st.lists(st.integers(0, len(lines) - 1), max_size=4)):
-        lines[at] = data.draw(row)
-
-    def answer() -> object:
-        try:
-            return layout("\n".join([*lines, ""]))
-        except InputRefused as refusal:
-            return str(refusal)
-
-    quick = answer()
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(dialect, "SHORT", 10**9)
-        assert answer() == quick
 
 
 @pytest.mark.parametrize(

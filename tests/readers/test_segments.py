@@ -344,10 +344,8 @@ def test_the_cuts_of_one_file_are_those_of_its_campaign(tmp_path: Path) -> None:
     [
         ({"shortest": "0.05 s"}, {}, "4 samples at 80 Hz; a trial needs 5: 0.0625 s"),
         ({"by": "plateaus"}, {}, 'by = "plateaus" needs step'),
-        ({"by": "markers"}, {}, 'by = "markers" needs begin'),
         ({"by": "windows"}, {}, 'by = "windows" needs length'),
         ({"step": "1 N"}, {}, 'step goes with by = "plateaus"'),
-        ({"begin": "START"}, {}, 'begin goes with by = "markers"'),
         ({"by": "plateaus", "step": "1 kg"}, {}, "step: "),
         ({"by": "plateaus", "of": "rpm", "step": "1 N"}, {}, "step is a number"),
         ({"hold": -1.0}, {}, "hold is a size"),

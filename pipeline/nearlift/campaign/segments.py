@@ -13,11 +13,9 @@ from nearlift.campaign.rig import RECORD_MARK, LoadCell, Records
 from nearlift.errors import ManifestError
 
 #: Ways to cut that are no column's name.
-WAYS = ("plateaus", "markers", "windows")
+WAYS = ("plateaus", "windows")
 #: Fewest samples of a trial: aborted runs leave two to four rows.
 FEWEST_SAMPLES = 5
-#: Placeholder of a number in the line that begins a piece.
-LEVEL = "{level}"
 
 
 class ColumnOfRecord(Section):
@@ -55,10 +53,9 @@ class ColumnOfRecord(Section):
 class Segments(Section):
     """Cutting of a record into pieces, each of which becomes a trial.
 
-    `by` names the column whose steps divide the pieces, or is "plateaus", "markers" or "windows".
-    Plateaus are levels of the force or of the column `of`, separated by changes of at least `step`.
-    Markers are lines of text `begin` and `end`, in which ``{level}`` is a number. Windows have the
-    length `length`. With another `by`, `length` divides each piece further.
+    `by` names the column whose steps divide the pieces, or is "plateaus" or "windows". Plateaus
+    are levels of the force or of the column `of`, separated by changes of at least `step`. Windows
+    have the length `length`. With another `by`, `length` divides each piece further.
 
     `settle` is dropped after each cut; a piece with less than `shortest` left is no trial. `unit`,
     `zero` and `full` belong to the column `by`, which `maps` to a column of the schedule. Samples
@@ -78,8 +75,6 @@ class Segments(Section):
     only: str | float | int | None = None
     of: str | None = None
     step: str | float | None = None
-    begin: str | None = None
-    end: str | None = None
     length: PositiveDuration | None = None
     covariates: list[str] | None = None
     columns: dict[str, ColumnOfRecord] = {}
@@ -91,10 +86,8 @@ class Segments(Section):
 
     @property
     def has_level(self) -> bool:
-        """Whether a piece's level, of a column or in its first line, is in the schedule."""
-        if self.only is not None:
-            return False
-        return self.column is not None or LEVEL in (self.begin or "")
+        """Whether a piece's level is in the schedule."""
+        return self.only is None and self.column is not None
 
     def level(self) -> ColumnOfRecord:
         """The level's column with its unit."""
@@ -106,11 +99,10 @@ class Segments(Section):
 
     @model_validator(mode="after")
     def _keys_of_its_own_way(self) -> Self:
-        needs = {"plateaus": "step", "markers": "begin", "windows": "length"}
-        ways = {"of": "plateaus", "step": "plateaus", "begin": "markers", "end": "markers"}
-        for key, way in ways.items():
-            if getattr(self, key) is not None and self.by != way:
-                raise ValueError(f'{key} goes with by = "{way}"')
+        needs = {"plateaus": "step", "windows": "length"}
+        for key in ("of", "step"):
+            if getattr(self, key) is not None and self.by != "plateaus":
+                raise ValueError(f'{key} goes with by = "plateaus"')
         if self.by in WAYS and getattr(self, needs[self.by]) is None:
             raise ValueError(f'by = "{self.by}" needs {needs[self.by]}')
         if self.column is None and (self.hold or self.only is not None):

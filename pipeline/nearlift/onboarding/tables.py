@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections import Counter
@@ -15,9 +14,9 @@ from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
 from nearlift.readers import guarded
 from nearlift.readers.base import FORCE_UNITS, RecordsDialect
-from nearlift.readers.dialect import given, sniff
 from nearlift.readers.files import content_of, is_packed
 from nearlift.readers.guarded import Malformed
+from nearlift.readers.text import cells_of
 from nearlift.schedule import BY_NAME, MEANS, REQUIRED
 from nearlift.units import NUMBER
 
@@ -142,21 +141,11 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
         content = guarded.run(content_of, path, length) if packed else content_of(path, length)
         if len(content) > MOST_BYTES:
             return None
-        layout = sniff(content, str(path), given(dialect))
-        lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
-        width = len(layout.names)
-        rows = tuple(
-            tuple(
-                c.replace(",", ".") if layout.decimal == "," else c
-                for c in layout.split(line)[: width if layout.trailing else None]
-            )
-            for line in lines
-            if not layout.skips(line)
-        )
-    except (InputRefused, Malformed, UnicodeDecodeError, csv.Error):
+        layout, cells = cells_of(content, str(path), dialect)
+    except (InputRefused, Malformed):
         return None
-    if not rows or any(len(row) != width for row in rows):
-        return None
+    point = layout.decimal == "."
+    rows = tuple(tuple(c if point else c.replace(",", ".") for c in row) for row in cells)
     names = [
         f"{name} ({unit})" if unit and not headings.named(name)[1] else name
         for name, unit in zip(layout.names, layout.units, strict=True)

@@ -81,16 +81,12 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """The channels of a file, the name of its format, quality codes, and remarks for the user.
-
-    `marks` are the lines of a text that are no rows, each with the number of rows above it.
-    """
+    """The channels of a file, the name of its format, quality codes, and remarks for the user."""
 
     channels: tuple[Channel, ...] = ()
     kind: str = ""
     codes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    marks: tuple[tuple[int, str], ...] = ()
 
 
 @functools.lru_cache(maxsize=1024)

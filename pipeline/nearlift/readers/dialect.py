@@ -10,7 +10,6 @@ under ``[records] dialect``.
 from __future__ import annotations
 
 import codecs
-import contextlib
 import csv
 import itertools
 import re
@@ -21,11 +20,9 @@ from typing import Any
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.base import RecordsDialect, split_unit, unit_word
-from nearlift.readers.table import SEPARATORS, SPOKEN, Layout, Lines, cut_at, label, parse
+from nearlift.readers.table import SEPARATORS, SPOKEN, Layout
 from nearlift.units import NUMBER
 
-#: Bytes that the sniffer sees, and lines that it tries first.
-HEAD, SHORT = 1 << 16, 100
 #: Lines in which two dialects must read the same numbers, or the file is ambiguous.
 READ = 20
 #: Lines of a refusal that goes before all others.
@@ -125,7 +122,37 @@ def _refusal(key: str, what: str, remedy: str) -> ManifestError:
     return ManifestError(f"records.dialect.{key}", what, remedy)
 
 
-# ---- refusals
+def encoding_of(head: bytes, where: str) -> str:
+    """The encoding of a file's first bytes; `InputRefused` where they are no text, or packed."""
+    for mark, name in _MARKS.items():
+        if head.startswith(mark):
+            return name
+    if head.startswith(_PACKED):
+        raise InputRefused(
+            where, "is compressed", "unpack it: what is inside is then digested and read as it is"
+        )
+    if b"\0" in (full := head.rstrip(b"\0")):
+        pairs = head[: len(head) // 2 * 2]
+        for name, zeros in (("utf-16-le", pairs[1::2]), ("utf-16-be", pairs[0::2])):
+            if zeros.count(0) > 0.9 * len(zeros):
+                return name
+        line = full[: full.index(b"\0")].count(b"\n") + 1
+        raise InputRefused(
+            f"{where}, line {line}",
+            "holds NUL bytes",
+            "it is damaged, or binary of a format that is not read: docs/formats.md lists those"
+            " that are; export it as text",
+        )
+    try:
+        # a character may be cut at the end of the head
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        # the bytes 0x80 to 0x9f are control characters in Latin-1 and letters in Windows-1252
+        return "cp1252" if any(0x80 <= byte < 0xA0 for byte in head) else "latin-1"
+    return "utf-8"
+
+
+# ---- the layout that fits
 
 
 class NoRows(InputRefused):
@@ -152,80 +179,20 @@ def _unfit(lines: int, where: str, what: str, remedy: str = "") -> _Unfit:
     return _Unfit(lines, InputRefused(where, what, remedy))
 
 
-# ---- encoding
-
-
-def encoding_of(head: bytes, where: str) -> str:
-    """The encoding of a file's first bytes; `InputRefused` where they are no text, or packed."""
-    for mark, name in _MARKS.items():
-        if head.startswith(mark):
-            return name
-    if head.startswith(_PACKED):
-        raise InputRefused(
-            where, "is compressed", "unpack it: what is inside is then digested and read as it is"
-        )
-    if b"\0" in head.rstrip(b"\0"):
-        pairs = head[: len(head) // 2 * 2]
-        for name, zeros in (("utf-16-le", pairs[1::2]), ("utf-16-be", pairs[0::2])):
-            if zeros.count(0) > 0.9 * len(zeros):
-                return name
-        raise InputRefused(
-            where,
-            "is no text: it holds NUL bytes",
-            "it is damaged, or binary of a format that is not read: docs/formats.md lists those"
-            " that are; export it as text",
-        )
-    try:
-        # a character may be cut at the end of the head
-        codecs.getincrementaldecoder("utf-8")().decode(head)
-    except UnicodeDecodeError:
-        # the bytes 0x80 to 0x9f are control characters in Latin-1 and letters in Windows-1252
-        return "cp1252" if any(0x80 <= byte < 0xA0 for byte in head) else "latin-1"
-    return "utf-8"
-
-
-# ---- the layout that fits
-
-
-def sniff(head: bytes, where: str, said: Dialect = UNSTATED, *, whole: bool = True) -> Layout:
-    """The layout of a file from its first bytes; `whole` if they are all of it.
+def sniff(lines: Sequence[str], where: str, said: Dialect = UNSTATED) -> Layout:
+    """The one layout that fits the first lines of a file.
 
     Raises
     ------
     InputRefused
         No dialect fits, several do, or neither a header nor the manifest names the columns.
     """
-    encoding = said.encoding or encoding_of(head, where)
-    try:
-        text = codecs.getincrementaldecoder(encoding)().decode(head)
-    except UnicodeDecodeError as fault:
-        raise InputRefused(
-            where,
-            f"is not {encoding} text: {fault}",
-            "correct `encoding` under [records] dialect, or leave it out",
-        ) from None
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    # the line behind the last line feed may be cut off
-    lines = lines[:-1] if len(lines) > 1 or not whole else lines
-    if len(lines) > SHORT:
-        # a layout of the first lines that reads all others is found sooner
-        with contextlib.suppress(InputRefused):
-            layout = _fitting(lines[:SHORT], where, said)
-            body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
-            if layout.first + READ <= SHORT:
-                parse(Lines(body=body, where=where, line=layout.first), layout, layout.numeric)
-                return replace(layout, encoding=encoding)
-    return replace(_fitting(lines, where, said), encoding=encoding)
-
-
-def _fitting(lines: Sequence[str], where: str, said: Dialect) -> Layout:
-    """The one layout that fits these lines, its encoding left open; raises as `sniff` does."""
-    fits: list[_Fit] = []
+    fits: list[tuple[Layout, object]] = []
     failed: list[_Unfit] = []
     for strict in (True, False):
         for signs in _pairs(lines, said):
             try:
-                fits.append(_Fit(lines, where, signs, said, strict=strict))
+                fits.append(_fitted(lines, where, signs, said, strict=strict))
             except _Unfit as unfit:
                 failed.append(unfit)
         if fits:
@@ -234,26 +201,25 @@ def _fitting(lines: Sequence[str], where: str, said: Dialect) -> Layout:
         raise max(failed, key=lambda unfit: unfit.lines).refusal
     # cut alike, numbers such as 0,5 go before texts
     fits = [
-        fit
-        for fit in fits
+        (layout, reading)
+        for layout, reading in fits
         if not any(
-            other.layout.separator == fit.layout.separator
-            and set(other.layout.texts) < set(fit.layout.texts)
-            for other in fits
+            other.separator == layout.separator and set(other.texts) < set(layout.texts)
+            for other, _ in fits
         )
     ]
-    if len({fit.reading for fit in fits}) > 1:
+    if len({reading for _, reading in fits}) > 1:
         ways = " or ".join(
-            f"{SPOKEN[fit.layout.separator]} with decimal"
-            f" {'point' if fit.layout.decimal == '.' else 'comma'}"
-            for fit in fits[:2]
+            f"{SPOKEN[layout.separator]} with decimal"
+            f" {'point' if layout.decimal == '.' else 'comma'}"
+            for layout, _ in fits[:2]
         )
         raise InputRefused(
             where,
             f"can be read in two ways: separated by {ways}",
             'say which: dialect = { separator = "...", decimal = "..." } under [records]',
         )
-    layout = fits[0].layout
+    layout = fits[0][0]
     if layout.decimal == "," and not said.decimal and not said.thousands:
         _refuse_thousands(layout, lines, where)
     return layout
@@ -266,9 +232,8 @@ def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
     separators = [s for s in SEPARATORS.values() if s not in absent[1:]]
     if said.separator:
         separators = [SEPARATORS.get(said.separator, said.separator)]
-    open_to = Layout(thousands=said.thousands, ignore=said.ignore, labels=said.labels)
     return [
-        replace(open_to, separator=separator, decimal=decimal)
+        Layout(thousands=said.thousands, separator=separator, decimal=decimal)
         for separator, decimal in itertools.product(separators, said.decimal or (".", ","))
         if separator != decimal != said.thousands and not said.thousands == separator == " "
     ]
@@ -276,9 +241,7 @@ def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
 
 def _refuse_thousands(layout: Layout, lines: Sequence[str], where: str) -> None:
     """Refuse decimal commas that may part thousands: 1,234 everywhere, and never 0,5 or 12,34."""
-    rows = (
-        cell for line in lines[layout.first - 1 :] if line.strip() for cell in _cut(line, layout)
-    )
+    rows = (cell for line in lines[layout.first - 1 :] for cell in _cut(line, layout))
     cells = [cell for cell in rows if "," in cell]
     if cells and all(_THOUSANDS.fullmatch(cell) for cell in cells):
         raise InputRefused(
@@ -295,154 +258,138 @@ def _cut(line: str, signs: Layout) -> list[str]:
         return [line]
 
 
-class _Fit:
-    """The layout of some lines by one pair of signs, and what it reads; `_Unfit` where they are not
-    of it. `strict`: every cell of the first row is a number, or none.
+def _fitted(
+    lines: Sequence[str], where: str, signs: Layout, said: Dialect, *, strict: bool
+) -> tuple[Layout, object]:
+    """The layout of some lines by one pair of signs, and what it reads: names and first numbers.
 
-    Two dialects are ambiguous unless their `reading` is the same: names, and first numbers.
+    `_Unfit` where they are not of it. `strict`: every cell of the first row is a number, or none.
     """
-
-    def __init__(
-        self, lines: Sequence[str], where: str, signs: Layout, said: Dialect, *, strict: bool
-    ) -> None:
-        self.lines, self.where, self.signs, self.said = lines, where, signs, said
-        start = self._first_row(strict)
-        row = _cut(lines[start], signs)
-        trailing = len(row) > 1 and row[-1] == "" and signs.delimited
-        names, units, top = self._header(start, row, trailing)
-        trailing = trailing and len(names) == len(row) - 1
-        self._check_names(names, len(row) - trailing, trailing, start + 1, top)
-        self.layout = replace(
-            signs,
-            trailing=trailing,
-            names=tuple(names),
-            units=tuple(units),
-            first=start + 1,
-            preamble=sum(not signs.skips(line) for line in lines[: top - 1]),
-            texts=tuple(i for i in range(len(names)) if self._value(row[i]) is None),
+    start = _first_row(lines, where, signs, said.skip, strict)
+    row = _cut(lines[start], signs)
+    names, units, top = _header(lines, where, signs, said, start, row)
+    trailing = 1 < len(row) == len(names) + 1 and row[-1] == "" and signs.separator.strip() != ""
+    _check_names(names, len(row) - trailing, f"{where}, line {start + 1}", signs, said, trailing)
+    _refuse_repeated(names, f"{where}, line {top + 1}")
+    texts = tuple(i for i in range(len(names)) if signs.value(row[i]) is None)
+    if texts and row[texts[0]].endswith(":"):
+        raise _unfit(
+            len(lines),
+            f"{where}, line {start + 1}",
+            f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}",
+            "such cells are read by dialect = { labels = true } under [records], where every line"
+            " has the same",
         )
-        self._refuse_labels(row)
-        self.reading = self.layout.names, self._read(start)
+    layout = replace(
+        signs,
+        trailing=trailing,
+        names=names,
+        units=units,
+        first=start + 1,
+        preamble=sum(line.strip() != "" for line in lines[:top]),
+        texts=texts,
+    )
+    read: list[tuple[float, ...]] = []
+    for at, line in enumerate(lines[start:], start):
+        if not line.strip():
+            continue
+        place = f"{where}, line {at + 1}"
+        try:
+            cells = layout.row(line, place)
+            values = [layout.number(cells[i], place, names[i]) for i in layout.numeric]
+        except InputRefused as refusal:
+            raise _Unfit(at - start, refusal) from None
+        if len(read) < READ:
+            read.append(tuple(0.5 if value != value else value for value in values))
+    return layout, (names, tuple(read))
 
-    def _value(self, cell: str) -> float | None:
-        if not self.signs.labels:
-            return self.signs.value(cell)
-        pair = label(cell)
-        return self.signs.value(pair[1]) if pair and pair[1] else None
 
-    def _first_row(self, strict: bool) -> int:
-        """Index of the first line that holds a number; `strict`: and no other words."""
-        for at in range(self.said.skip, len(self.lines)):
-            if self.signs.skips(self.lines[at]):
-                continue
-            numbers = [self._value(cell) for cell in _cut(self.lines[at], self.signs)]
-            numeric = any(value is not None and value == value for value in numbers)
-            if numeric and (not strict or None not in numbers):
-                return at
-        what = "holds no row of numbers in any dialect known"
-        remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
-        raise _Unfit(-1, NoRows(self.where, what, remedy))
+def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, strict: bool) -> int:
+    """Index of the first line that holds a number; `strict`: and no other words."""
+    for at in range(skip, len(lines)):
+        numbers = [signs.value(cell) for cell in _cut(lines[at], signs)]
+        numeric = any(value is not None and value == value for value in numbers)
+        if numeric and (not strict or None not in numbers):
+            return at
+    what = "holds no row of numbers in any dialect known"
+    remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
+    raise _Unfit(-1, NoRows(where, what, remedy))
 
-    def _header(
-        self, start: int, row: Sequence[str], trailing: bool
-    ) -> tuple[list[str], list[str], int]:
-        """Names and units of the columns, and the line (from 1) of names or first row."""
-        said, at = self.said, f"{self.where}, line {start + 1}"
-        if said.columns:
-            return list(said.columns), list(said.units or [""] * len(said.columns)), start + 1
-        if self.signs.labels:
-            names = [(label(cell) or ("", ""))[0] for cell in row]
-            if not all(names):
-                what = f"has a cell without a label: {row[names.index('')]!r}"
-                raise _unfit(0, at, what, "correct the line, or say `skip`")
-            return names, [""] * len(names), start + 1
-        above = [i for i in range(start - 1, -1, -1) if not self.signs.skips(self.lines[i])][:2]
-        heads = [self._names(self.lines[i], len(row), trailing) for i in above]
-        if not heads or heads[0] is None:
-            refusal = NoNames(
-                at,
+
+def _header(
+    lines: Sequence[str], where: str, signs: Layout, said: Dialect, start: int, row: Sequence[str]
+) -> tuple[tuple[str, ...], tuple[str, ...], int]:
+    """Names and units of the columns, and the index of the line of names, or of the first row."""
+    if said.columns:
+        return said.columns, said.units or ("",) * len(said.columns), start
+    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:2]
+    heads = [_names(lines[i], signs, len(row)) for i in above]
+    if len(heads) > 1 and heads[1]:
+        # a row of units below that of names
+        units = [_unit(cell) for cell in _cut(lines[above[0]], signs)][: len(heads[1])]
+        if len(units) == len(heads[1]) and None not in units and any(units):
+            return heads[1], tuple(unit or "" for unit in units), above[1]
+    if not heads or not heads[0]:
+        raise _Unfit(
+            1,
+            NoNames(
+                f"{where}, line {start + 1}",
                 f"has no columns' names above its rows of {len(row)} cell{'s' * (len(row) > 1)}",
                 f'name them: dialect = {{ columns = ["force"{", ..." * (len(row) > 1)}] }} under'
                 " [records]",
                 len(row),
-            )
-            raise _Unfit(1, refusal)
-        units = [unit_word(cell) for cell in heads[0]]
-        if len(heads) > 1 and heads[1] and len(heads[1]) == len(heads[0]) and None not in units:
-            return heads[1], [unit or "" for unit in units], above[1] + 1
-        return heads[0], [split_unit(name)[1] for name in heads[0]], above[0] + 1
-
-    def _names(self, line: str, columns: int, trailing: bool) -> list[str] | None:
-        """The cells of a line if they may be names of so many columns."""
-        row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), self.signs)
-        if trailing and len(row) == columns and row[-1] == "":
-            row = row[:-1]
-        if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
-            return None
-        several = self.signs.delimited and len(row) > 1
-        return row if several or len(row) in (columns, columns - 1) else None
-
-    def _check_names(
-        self, names: Sequence[str], cells: int, trailing: bool, row: int, top: int
-    ) -> None:
-        """Raise `_Unfit` where the names, at line `top`, are not those of so many cells."""
-        where = self.where
-        if len(names) != cells:
-            raise _unfit(
-                0,
-                f"{where}, line {row}",
-                f"has {cells} cells under {len(names)} column names",
-                "a decimal comma makes two cells of one where commas part cells; save it with"
-                " decimal points, or parted by semicolons",
-            )
-        if self.signs.separator and len(names) < 2 and not trailing:
-            raise _unfit(-2, where, "is one column")
-        bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
-        if not (self.signs.separator or self.said.columns) and re.search(r"[,;\t|]", bare):
-            raise _unfit(-2, where, "is not one column")
-        twice = sorted(name for name, count in Counter(names).items() if count > 1)
-        if twice and re.search(r"\w", twice[0]):
-            what = f"has more than one column {twice[0]!r}"
-            raise _unfit(FARTHEST, f"{where}, line {top}", what, "rename or drop one of them")
-        if twice:
-            raise _unfit(
-                FARTHEST,
-                f"{where}, line {top}",
-                f"holds {twice[0]!r} where the columns' names should be",
-                "name them: dialect = { columns = [...] } under [records]; if the file holds"
-                " several tables, save each as a file of its own",
-            )
-
-    def _refuse_labels(self, row: Sequence[str]) -> None:
-        """Raise `_Unfit` where a text column is the label of the number in the next cell."""
-        texts, line = self.layout.texts, self.layout.first
-        first = texts[0] if texts else 0
-        if not texts or not row[first].endswith(":") or len(row) == first + 1:
-            return
-        below = "".join(self.lines[line : line + 1]).split(":")[0]
-        raise _unfit(
-            len(self.lines),
-            f"{self.where}, line {line}",
-            f"labels its cells: {' '.join(row[first : first + 2])!r}",
-            "such cells are read by dialect = { labels = true } under [records], where every line"
-            " has the same"
-            if first or f"{below.strip()}:" == row[first]
-            else cut_at(row[first]),
+            ),
         )
+    return heads[0], tuple(split_unit(name)[1] for name in heads[0]), above[0]
 
-    def _read(self, start: int) -> tuple[tuple[float, ...], ...]:
-        """The numbers of the first rows; `_Unfit` at the first line that is not of the layout."""
-        layout = self.layout
-        read: list[tuple[float, ...]] = []
-        for at, line in enumerate(self.lines[start:], start):
-            if layout.skips(line):
-                continue
-            place = f"{self.where}, line {at + 1}"
-            try:
-                cells = layout.row(line, place)
-                values = [layout.number(cells[i], place, layout.names[i]) for i in layout.numeric]
-            except InputRefused as refusal:
-                raise _Unfit(at - start, refusal) from None
-            if len(read) < READ:
-                read.append(tuple(0.5 if value != value else value for value in values))
-        return tuple(read)
+
+def _unit(cell: str) -> str | None:
+    """The unit in a cell of a row of units, which may be in brackets or blank; else None."""
+    known = unit_word(cell)
+    return cell.strip("[]() ") if known is None and re.match(r"[\[(].*[\])]$", cell) else known
+
+
+def _names(line: str, signs: Layout, columns: int) -> tuple[str, ...]:
+    """The cells of a line if they may be names of so many columns, else none."""
+    row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), signs)
+    row = row[:-1] if len(row) > 1 and row[-1] == "" else row
+    if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
+        return ()
+    several = signs.separator.strip() and len(row) > 1
+    return tuple(row) if several or len(row) in (columns, columns - 1) else ()
+
+
+def _check_names(
+    names: Sequence[str], cells: int, at: str, signs: Layout, said: Dialect, trailing: bool
+) -> None:
+    """Raise `_Unfit` where the names are not those of so many cells."""
+    if len(names) != cells:
+        raise _unfit(
+            0,
+            at,
+            f"has {cells} cells under {len(names)} column names",
+            "a decimal comma makes two cells of one where commas part cells; save it with"
+            " decimal points, or parted by semicolons",
+        )
+    where = at.rpartition(", line ")[0]
+    if signs.separator and len(names) < 2 and not (trailing or said.separator):
+        raise _unfit(-2, where, "is one column")
+    bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
+    if not (signs.separator or said.columns) and re.search(r"[,;\t|]", bare):
+        raise _unfit(-2, where, "is not one column")
+
+
+def _refuse_repeated(names: Sequence[str], at: str) -> None:
+    """Raise `_Unfit` where two columns have one name."""
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice and re.search(r"\w", twice[0]):
+        what = f"has more than one column {twice[0]!r}"
+        raise _unfit(FARTHEST, at, what, "rename or drop one of them")
+    if twice:
+        raise _unfit(
+            FARTHEST,
+            at,
+            f"holds {twice[0]!r} where the columns' names should be",
+            "name them: dialect = { columns = [...] } under [records]; if the file holds"
+            " several tables, save each as a file of its own",
+        )

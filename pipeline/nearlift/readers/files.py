@@ -287,7 +287,10 @@ def sheet_of(path: Path) -> tuple[str, list[str]]:
     if not book.sheet_names:
         raise InputRefused(str(path), "holds no sheet", "save the table as CSV")
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows(map(_cell, row) for row in rows)
+    for row in rows:
+        cells = list(map(_cell, row))
+        # a blank row is a blank line
+        csv.writer(out, lineterminator="\n").writerow(cells if any(cells) else [])
     return out.getvalue(), list(book.sheet_names)
 
 

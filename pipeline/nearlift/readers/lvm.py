@@ -26,13 +26,15 @@ from nearlift.readers.base import (
     unit_word,
     wanted,
 )
-from nearlift.readers.dialect import HEAD, encoding_of
+from nearlift.readers.dialect import encoding_of
 from nearlift.readers.files import content_of
 from nearlift.readers.table import Layout, refuse_nul
 
 FIRST = "LabVIEW Measurement"
 END = "***End_of_Header***"
 CLOCK, COMMENT = "X_Value", "Comment"
+#: Bytes that show the encoding.
+HEAD = 1 << 16
 #: Lines within which the file's header ends.
 LONGEST_HEADER = 200
 

@@ -1,13 +1,12 @@
 """A record of many trials cut into pieces.
 
-The cuts are at the steps of a column or of the force, at lines of text, or into windows. Each piece
-has its samples and the means of other columns.
+The cuts are at the steps of a column or of the force, or into windows. Each piece has its samples
+and the means of other columns.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.campaign.segments import FEWEST_SAMPLES, LEVEL, Segments
+from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
@@ -30,7 +29,6 @@ from nearlift.readers.base import (
 )
 from nearlift.readers.files import is_packed, source_of
 from nearlift.readers.guarded import Malformed
-from nearlift.readers.table import matches
 from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
@@ -38,8 +36,6 @@ from nearlift.schedule import BESIDE, brought, dimension_of
 
 #: Share of the cut samples that kept pieces and their settling must be.
 MIN_YIELD = 0.25
-#: A marker's level.
-NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
 #: Part of `hold` that kept pieces may move through from end to end, and the share of them that may:
 #: a ramp goes through all of it.
 SLOPING, MOST_SLOPING = 0.6, 0.5
@@ -125,7 +121,7 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
 
     if path.stat().st_size == 0:
         return without("", "EMPTY")
-    dialect = _with_markers(campaign, reader)
+    dialect = campaign.records.dialect
     try:
         contents = reader.open(path, dialect)
     except Malformed as fault:
@@ -139,32 +135,10 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
     return _Cutter(campaign, path, dialect, contents, whole).segmented(spec)
 
 
-def _with_markers(campaign: Campaign, reader: Reader) -> RecordsDialect:
-    """The dialect in which the lines that begin or end a piece are no samples."""
-    cut, said = campaign.segments, campaign.records.dialect
-    assert cut is not None
-    if cut.begin is None:
-        return said
-    if "ignore" not in reader.options:
-        raise ManifestError(
-            "segments.by",
-            f'"markers" are lines of a text, and reader = {reader.name!r} has none',
-            'take reader = "text", or by = a column',
-        )
-    given = said.get("ignore", ())
-    return {**said, "ignore": [*(given if isinstance(given, list) else ()), *_markers(cut)]}
-
-
-def _markers(cut: Segments) -> list[str]:
-    """The forms of the lines that begin or end a piece."""
-    return [line.replace(LEVEL, "*") for line in (cut.begin, cut.end) if line is not None]
-
-
 class _Cutter:
     """Cuts of one record that was read, `whole`, all channels of its file as `contents`.
 
-    Edges are (first sample, one past the last). `values` are those that step, `levels` the numbers
-    in marks, one for each of the edges.
+    Edges are (first sample, one past the last); `values` are those that step.
     """
 
     def __init__(
@@ -184,7 +158,6 @@ class _Cutter:
         self.at_level = campaign.load_cell.tare == "level 0"
         self.head = min(round(campaign.tare_s * rate), self.n)
         self.values: FloatArray | None = None
-        self.levels: list[float] = []
         self.edges = self._edges()
 
     def segmented(self, spec: ChannelSpec) -> Segmented:
@@ -199,17 +172,19 @@ class _Cutter:
         time_s, kept = _new_samples(whole)
         zeros = self._zeros(pieces)
         known = [pick(self.contents.channels, n, "", "") for n in spec.names(whole.trial)]
-        further = self._further([*known, *(c for c, _ in bring.values() if c is not None)])
+        further = self._further([*known, *(c for c, _ in bring.values())])
         trials: list[CutPiece] = []
         for piece in pieces.pieces:
-            level = self._level(piece, bring)
+            level = {
+                name: factor * _middle(name, c.values[piece.start : piece.end]) + offset
+                for name, (c, (factor, offset)) in bring.items()
+            }
             # a comparison with no number is false
             if piece in zeros or not level.get("throttle", 1.0) > 0 <= level.get("distance", 0.0):
                 continue
             span = slice(piece.start, piece.end)
             for name in bring.keys() & set(BESIDE):
                 channel, (factor, _) = bring[name]
-                assert channel is not None
                 zero = self._zero(channel.values, zeros, piece)
                 mean, u = _less_zero(channel.values[span], zero, rate)
                 level |= {name: factor * mean, f"u_{name}": abs(factor) * u}
@@ -240,17 +215,8 @@ class _Cutter:
     # ---- where it is cut
 
     def _edges(self) -> list[cuts.Cut]:
-        """Edges behind the head, by the manifest's way; sets `values` and `levels`."""
+        """Edges behind the head, by the manifest's way; sets `values`."""
         cut, head, n = self.cut, self.head, self.n
-        if cut.begin is not None:
-            edges = self._between()
-            if not edges:
-                raise InputRefused(
-                    self.where,
-                    f"has no line {cut.begin!r} with samples behind it",
-                    "correct begin under [segments]; it is a whole line, {level} is a number",
-                )
-            return edges
         if cut.by == "windows":
             edges = [(head, n)]
         elif cut.column is not None:
@@ -267,7 +233,6 @@ class _Cutter:
             smallest = max(round((cut.settle + cut.shortest) * self.rate), 1)
             changes = cuts.by_change(self.values[head:], step, smallest)
             edges = [(head + a, head + b) for a, b in changes]
-        self.levels = [np.nan] * len(edges)
         return edges
 
     def _stepping(self) -> tuple[FloatArray, float | None]:
@@ -303,27 +268,6 @@ class _Cutter:
                 f"a step of {step:.3g} is less than three of the converter's own ({grain:.3g})",
                 "take a larger step under [segments]",
             )
-
-    def _between(self) -> list[cuts.Cut]:
-        """Pieces from each line that begins one to the next mark; sets `levels`, the numbers in
-        these lines.
-        """
-        assert self.cut.begin is not None
-        before, level, after = self.cut.begin.partition(LEVEL)
-        forms = _markers(self.cut)
-        marks = [m for m in self.contents.marks if any(matches(form, m[1]) for form in forms)]
-        ends = [row for row, _ in marks[1:]] + [self.n] * bool(marks)
-        edges = []
-        for (row, line), end in zip(marks, ends, strict=True):
-            first = max(row, self.head)
-            begins = len(line) >= len(before + after) and line.startswith(before)
-            if not (begins and line.endswith(after) and first < min(end, self.n)):
-                continue
-            between = line[len(before) : len(line) - len(after)].strip()
-            if NUMBER.fullmatch(between) if level else not between:
-                edges.append((first, min(end, self.n)))
-                self.levels.append(float(between.replace(",", ".")) if level else np.nan)
-        return edges
 
     def _require_yield(self, pieces: cuts.Cuts, settle: int) -> None:
         """Refuse a record of which hardly anything is kept, with what would keep half of it."""
@@ -366,30 +310,14 @@ class _Cutter:
 
     # ---- the content of a piece
 
-    def _brought(self) -> dict[str, tuple[Channel | None, tuple[float, float]]]:
-        """Channel (None: the level in a mark), and factor and offset to SI, by the schedule's
-        columns.
-        """
-        bring: dict[str, tuple[Channel | None, tuple[float, float]]] = {}
+    def _brought(self) -> dict[str, tuple[Channel, tuple[float, float]]]:
+        """Channel, and factor and offset to SI, by the schedule's columns."""
+        bring: dict[str, tuple[Channel, tuple[float, float]]] = {}
         for name, (column, key) in brought(self.cut).items():
-            channel = None
-            if key != "segments" or self.cut.column is not None:
-                asked = "segments.by" if key == "segments" else f"{key}.column"
-                channel = pick(self.contents.channels, column.column, asked, self.where)
+            asked = "segments.by" if key == "segments" else f"{key}.column"
+            channel = pick(self.contents.channels, column.column, asked, self.where)
             bring[name] = channel, column.linear(dimension_of(name), key)
         return bring
-
-    def _level(
-        self, piece: cuts.Span, bring: Mapping[str, tuple[Channel | None, tuple[float, float]]]
-    ) -> dict[str, float]:
-        """The values in SI that a piece brings."""
-        place = next(k for k, (a, b) in enumerate(self.edges) if a <= piece.start < b)
-        return {
-            name: factor
-            * _middle(name, self.levels[place] if c is None else c.values[piece.start : piece.end])
-            + offset
-            for name, (c, (factor, offset)) in bring.items()
-        }
 
     def _zeros(self, pieces: cuts.Cuts) -> tuple[cuts.Span, ...]:
         """The pieces at the lowest level, within `hold`, where they are the tare."""
@@ -428,14 +356,13 @@ def _less_zero(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[fl
     return (total, math.sqrt(variance)) if np.isfinite(values).any() else (math.nan, math.nan)
 
 
-def _middle(name: str, values: FloatArray | float) -> float:
+def _middle(name: str, values: FloatArray) -> float:
     """The level of a piece's samples: the median of a command, one of its values, else the mean."""
-    known = np.asarray(values, dtype=float)
-    known = known[np.isfinite(known)]
+    known = values[np.isfinite(values)]
     if not known.size:
         return math.nan
     if name in ("throttle", "distance", "reached"):
-        return float(np.sort(known, axis=None)[known.size // 2])
+        return float(np.sort(known)[known.size // 2])
     return float(known.mean())
 
 

@@ -37,9 +37,10 @@ from nearlift.readers.base import (
     fold,
     split_unit,
 )
+from nearlift.readers.dialect import UNSTATED
 from nearlift.readers.files import content_of
 from nearlift.readers.table import Layout
-from nearlift.readers.text import by_layout, with_rate
+from nearlift.readers.text import by_layout, plain, with_rate
 
 #: Lift from which on rotors turn, whatever their speed channel reads, N.
 MIN_LIFT_N = 0.02
@@ -135,7 +136,8 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     )
     turning = tuple(name for name in columns if stand.speeds.fullmatch(_bare(name)))
     also = None if names is None else (*names, *turning)
-    file = by_layout(content, layout, also, str(path))
+    text = plain(content, str(path), replace(UNSTATED, encoding="utf-8"))
+    file = by_layout(text, layout, also, str(path))
     codes = (*file.codes, *_dead(file.channels, turning))
     if not file.channels or not len(file.channels[0].values):
         codes = (*codes, "NO_DATA")

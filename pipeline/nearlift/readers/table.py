@@ -8,8 +8,6 @@ the first bad line. Both give the bits of Python's `float`.
 from __future__ import annotations
 
 import csv
-import fnmatch
-import glob
 import io
 import json
 import math
@@ -63,16 +61,14 @@ class Layout:
 
     Attributes
     ----------
+    encoding : str
+        That of the file, for the user; the lines are UTF-8 already.
     separator : str
         One character, `BLANKS` or `NONE`.
     decimal, thousands : str
         The decimal sign, ``.`` or ``,``; the sign between thousands, if any.
     trailing : bool
         Every line ends with a separator, so that a blank cell follows the last.
-    ignore : tuple of str
-        Whole lines (such as START) that are no rows; ``*`` matches anything.
-    labels : bool
-        Cells are ``name: number``, with the same names on every line.
     names, units : tuple of str
         The columns.
     first : int
@@ -88,8 +84,6 @@ class Layout:
     decimal: str = "."
     thousands: str = ""
     trailing: bool = False
-    ignore: tuple[str, ...] = ()
-    labels: bool = False
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     first: int = 1
@@ -101,19 +95,9 @@ class Layout:
         """Indices of the columns of numbers."""
         return [i for i in range(len(self.names)) if i not in self.texts]
 
-    @property
-    def delimited(self) -> bool:
-        """Whether a sign is between cells."""
-        return self.separator not in (BLANKS, NONE)
-
-    def skips(self, line: str) -> bool:
-        """Whether a line is no row: it is blank, or to be ignored."""
-        plain = line.strip()
-        return not plain or any(matches(form, plain) for form in self.ignore)
-
     def split(self, line: str) -> list[str]:
-        """The cells of one line without the blanks around them; labels are kept. `csv.Error` where
-        a quote has no other half.
+        """The cells of one line without the blanks around them. `csv.Error` where a quote has no
+        other half.
         """
         if self.separator == NONE:
             return [line.strip()]
@@ -158,15 +142,13 @@ class Layout:
                 f'if {groups[1]!r} parts thousands: reader = "text" with dialect = {{ thousands ='
                 f' "{groups[1]}" }} under [records]'
             )
-        elif (pair := label(cell)) and NUMBER.fullmatch(pair[1]):
-            remedy = cut_at(f"{pair[0]}:")
         raise InputRefused(at, f"{cell!r} in column {column!r} is not a number", remedy)
 
     def row(self, line: str, at: str) -> list[str]:
         """The cells of one line, one for each column.
 
-        `InputRefused` where they are too few, too many, labelled otherwise, or the header again.
-        `InputRefused` also where the line holds NUL bytes.
+        `InputRefused` where they are too few or too many, or a header again, of this table or of
+        another. `InputRefused` also where the line holds NUL bytes.
         """
         refuse_nul(line, at)
         names = list(self.names)
@@ -179,40 +161,40 @@ class Layout:
         if row == names:
             what = "repeats the header: two records are in one file"
             raise InputRefused(at, what, "give each trial a file of its own")
+        if len(row) == len(names) and any(self.value(row[i]) is not None for i in self.numeric):
+            return row
+        if self._is_header(row):
+            quoted = _quoted(line)
+            raise InputRefused(
+                at,
+                f"holds words and no number, as the header of another table: {quoted}",
+                "save each table as a file of its own; if the rig writes such lines, reader ="
+                f' "text" with dialect = {{ ignore = [{quoted}] }} under [records]',
+            )
         if len(row) != len(names):
-            if self.is_header(row):
-                raise _another_table(line, at)
             what = f"has {len(row)} cells under {len(names)} column names"
             raise InputRefused(at, what, self._way_out(line))
-        if not self.labels:
-            return row
-        pairs = [label(cell) or ("", "") for cell in row]
-        labels = [pair[0] for pair in pairs]
-        if labels != names:
-            what = f"is labelled {', '.join(labels)}, not {', '.join(names)}"
-            raise InputRefused(at, what, CORRECT_LINE)
-        return [pair[1] for pair in pairs]
+        return row
 
-    def is_header(self, row: Sequence[str]) -> bool:
+    def _is_header(self, row: Sequence[str]) -> bool:
         """Whether a row may be the header of another table: several words and no number."""
         return (
             len(row) > 1
-            and self.delimited
-            and not self.labels
+            and self.separator not in (BLANKS, NONE)
             and all(re.match(r"[\W_]*[^\W\d_]", cell) for cell in row)
             and not any(self.value(cell) is not None for cell in row)
         )
 
     def _way_out(self, line: str) -> str:
         """The remedy for a line whose cells are not those of the header."""
-        if not self.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
+        if len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
             return (
                 'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true'
                 " } under [records]"
             )
         if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
             return (
-                f'if the rig writes such lines, reader = "text" with dialect = {{ ignore ='
+                'if the rig writes such lines, reader = "text" with dialect = { ignore ='
                 f" [{_quoted(line)}] }}; else take the trial out of the schedule"
             )
         other = "point" if self.decimal == "." else "comma"
@@ -233,43 +215,10 @@ class Layout:
             parts.append(f"{self.thousands!r} between thousands")
         if self.trailing:
             parts.append("a separator at the end of every line")
-        if self.labels:
-            parts.append("labelled cells")
         if self.preamble:
             lines = f"{self.preamble} line{'s' * (self.preamble > 1)}"
             parts.append(f"{lines} above the columns' names left out")
         return ", ".join(parts)
-
-
-def matches(form: str, line: str) -> bool:
-    """Whether a line has this form, in which ``*`` matches anything."""
-    return fnmatch.fnmatchcase(line, glob.escape(form).replace("[*]", "*"))
-
-
-def label(cell: str) -> tuple[str, str] | None:
-    """Name and number of a cell ``T: 0.01``; None where it is not of that form."""
-    name, colon, rest = cell.partition(":")
-    return (name.strip(), rest.strip()) if colon and len(rest.split()) <= 1 else None
-
-
-def refuse_nul(line: str, at: str) -> None:
-    """Refuse a line with NUL bytes, which a power cut leaves behind."""
-    if "\0" in line:
-        raise InputRefused(
-            at,
-            "holds NUL bytes",
-            "the file is damaged; copy it again from the rig, or take the trial out of the"
-            " schedule",
-        )
-
-
-def cut_at(words: str) -> str:
-    """The remedy for numbers behind a line of words: cut the record there."""
-    return (
-        "if it tells of the values beneath it:"
-        f' [segments] by = "markers", begin = "{words} {{level}}" cuts the record there, with'
-        ' dialect = { columns = ["force"] } under [records]'
-    )
 
 
 def _quoted(line: str) -> str:
@@ -277,13 +226,11 @@ def _quoted(line: str) -> str:
     return json.dumps(line.strip()[:40], ensure_ascii=False)
 
 
-def _another_table(line: str, at: str) -> InputRefused:
-    return InputRefused(
-        at,
-        f"holds words and no number, as the header of another table: {_quoted(line)}",
-        "save each table as a file of its own; if the rig writes such lines, reader ="
-        f' "text" with dialect = {{ ignore = [{_quoted(line)}] }} under [records]',
-    )
+def refuse_nul(line: str, at: str) -> None:
+    """Refuse a line with NUL bytes, which a power cut leaves behind."""
+    if "\0" in line:
+        remedy = "the file is damaged; copy it again, or take the trial out of the schedule"
+        raise InputRefused(at, "holds NUL bytes", remedy)
 
 
 # ---- columns
@@ -298,7 +245,9 @@ class Lines:
     line: int
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
-        """The lines with their numbers; `InputRefused` of one that is no UTF-8."""
+        """The lines that are not blank, with their numbers; `InputRefused` of one that is no
+        UTF-8.
+        """
         try:
             text = io.StringIO(self.body.decode("utf-8"), newline="\n")
         except UnicodeDecodeError as fault:
@@ -309,7 +258,8 @@ class Lines:
                 "the file is damaged or in another encoding; save it as UTF-8",
             ) from None
         for number, line in enumerate(text, start=self.line):
-            yield number, line.rstrip("\r\n")
+            if line.strip():
+                yield number, line.rstrip("\r\n")
 
 
 #: Some columns of numbers, each (n,), and some of texts.
@@ -338,15 +288,9 @@ def by_arrow(
     import pyarrow as pa
     import pyarrow.csv as pc
 
-    if layout.labels or layout.thousands:
+    if layout.thousands:
         return None
     body, separator, quote = rows.body, layout.separator, '"'
-    if layout.ignore:
-        try:
-            lines = body.decode().splitlines(keepends=True)
-        except UnicodeDecodeError:
-            return None
-        body = "".join(line for line in lines if not layout.skips(line)).encode()
     if separator == BLANKS:
         cells = (filter(None, line.split(b" ")) for line in body.replace(b"\t", b" ").split(b"\n"))
         body, separator, quote = b"\n".join(map(b"\t".join, cells)), "\t", ""
@@ -408,17 +352,10 @@ def by_line(
     arrays = [array("d") for _ in numbers]
     words: list[list[str]] = [[] for _ in texts]
     for number, line in rows:
-        if layout.skips(line):
-            continue
         at = f"{rows.where}, line {number}"
         row = layout.row(line, at)
-        try:
-            for values, i in zip(arrays, numbers, strict=True):
-                values.append(layout.number(row[i], at, layout.names[i]))
-        except InputRefused:
-            if number > layout.first and layout.is_header(row):
-                raise _another_table(line, at) from None
-            raise
+        for values, i in zip(arrays, numbers, strict=True):
+            values.append(layout.number(row[i], at, layout.names[i]))
         for cells, i in zip(words, texts, strict=True):
             cells.append(row[i])
     return [np.array(values) for values in arrays], words
