@@ -30,7 +30,7 @@ def channels(*columns: tuple[str, str]) -> list[Channel]:
     ],
 )
 def test_a_motors_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
-    found = headings.likely_force(channels(*columns))
+    found = headings.force_channel(channels(*columns))
     assert (found and found.name) == force
 
 

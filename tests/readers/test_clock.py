@@ -76,7 +76,7 @@ def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
             "files": "{trial}.csv",
             "force": {"column": found.force.name, "unit": "N", "sign": 1},
             "time": {"column": found.clock.name, "unit": "s"},
-            "dialect": {} if header else {"columns": list(found.columns)},
+            "dialect": {} if header else found.dialect,
         },
     )
     (record,) = reader("text").read(given, tmp_path, ["a"])

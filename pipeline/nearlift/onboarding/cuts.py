@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from nearlift import readers
 from nearlift.campaign import manifest as manifests
@@ -17,26 +17,19 @@ from nearlift.schedule import read_schedule
 MANIFEST, PICTURE = "campaign.toml", "segments.png"
 
 
-class CutsAnswer(NamedTuple):
-    """The pieces of a campaign's records, for machines and as text."""
-
-    content: dict[str, Any]
-    text: str
-
-
-def answers(paths: Sequence[Path], out: Path) -> list[CutsAnswer]:
-    """Draw the cuts of each campaign, and of each file as a record of its campaign."""
+def answers(paths: Sequence[Path], out: Path) -> list[tuple[dict[str, Any], str]]:
+    """Cuts of each campaign, and of each file as a record of its campaign: as JSON and as text."""
     wanted: dict[Path, list[Path]] = {}
     for path in paths:
         if path.is_dir():
-            wanted[path] = []
+            wanted.setdefault(path, [])
         else:
             wanted.setdefault(campaign_of(path), []).append(path)
     return [cuts(campaign, out, files) for campaign, files in wanted.items()]
 
 
 def campaign_of(path: Path) -> Path:
-    """The folder above a file that holds its campaign's manifest; `UsageError` if none does."""
+    """Folder above a file that holds its campaign's manifest; `UsageError` if none does."""
     for folder in path.absolute().parents:
         if (folder / MANIFEST).is_file():
             return folder
@@ -45,9 +38,10 @@ def campaign_of(path: Path) -> Path:
     )
 
 
-def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> CutsAnswer:
-    """Cut the records of a campaign, or only these files of it; draw the first ones to
-    reports/<name>/segments.png under `out`.
+def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[str, Any], str]:
+    """Cut the records of a campaign, or only these files of it, and draw the first ones.
+
+    They are drawn to reports/<name>/segments.png under `out`.
 
     Raises
     ------
@@ -70,15 +64,15 @@ def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> CutsAnswer:
     segments.cutting(reader).checked_dialect(given.records.dialect)
     pieces = per_trial(given, campaign, read_schedule(given, campaign).trial.tolist())
     paths = {record: path for record, (path, _) in pieces.items()}
+    known = {path.resolve(): record for record, path in paths.items()}
+    for file in files:
+        if file.resolve() not in known:
+            raise UsageError(
+                str(file),
+                f"is no record of {campaign}",
+                f"list it in {given.trials.file}, or check [records] files",
+            )
     if files:
-        known = {path.resolve(): record for record, path in paths.items()}
-        for file in files:
-            if file.resolve() not in known:
-                raise UsageError(
-                    str(file),
-                    f"is no record of {campaign}",
-                    f"list it in {given.trials.file}, or check [records] files",
-                )
         paths = {known[file.resolve()]: file for file in files}
     records = [
         segments.read(given, campaign, reader, record, path) for record, path in paths.items()
@@ -86,15 +80,15 @@ def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> CutsAnswer:
     place = out / "reports" / given.name / PICTURE
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(picture(records, rate))
-    answer = {"campaign": given.name, "picture": str(place)}
     contents = [_content(record, rate) for record in records]
-    lines = [line for record in records for line in _lines(record, rate)]
-    return CutsAnswer({**answer, "records": contents}, "\n".join([*lines, str(place)]))
+    lines = [line for content in contents for line in _lines(content)]
+    content = {"campaign": given.name, "picture": str(place), "records": contents}
+    return content, "\n".join([*lines, str(place)])
 
 
-def _pieces(record: Segmented, rate_Hz: float) -> list[dict[str, Any]]:
-    """Each piece's trial, beginning, length, lift, and what it brings."""
-    return [
+def _content(record: Segmented, rate_Hz: float) -> dict[str, Any]:
+    """Pieces of one record: each one's trial, beginning, length, lift, and columns."""
+    pieces = [
         {
             "trial": f"{record.record.trial}#{p.number}",
             "since_s": p.since_s,
@@ -104,14 +98,10 @@ def _pieces(record: Segmented, rate_Hz: float) -> list[dict[str, Any]]:
         }
         for p in record.pieces
     ]
-
-
-def _content(record: Segmented, rate_Hz: float) -> dict[str, object]:
-    """The pieces of one record, for machines."""
     return {
         "record": record.record.trial,
         "codes": list(record.record.codes),
-        "pieces": _pieces(record, rate_Hz),
+        "pieces": pieces,
         "too_short": record.cuts.short,
         "at_rest": record.at_rest,
         "settling_s": record.cuts.settling / rate_Hz,
@@ -119,16 +109,15 @@ def _content(record: Segmented, rate_Hz: float) -> dict[str, object]:
     }
 
 
-def _lines(record: Segmented, rate_Hz: float) -> list[str]:
+def _lines(content: dict[str, Any]) -> list[str]:
     """A line for a record, and one for each of its pieces."""
-    cut = record.cuts
     summary = (
-        f"{record.record.trial}: {len(record.pieces)} pieces, {cut.short} too short,"
-        f" {record.at_rest} at rest; {cut.settling / rate_Hz:.3g} s settling,"
-        f" {cut.between / rate_Hz:.3g} s between"
+        f"{content['record']}: {len(content['pieces'])} pieces, {content['too_short']} too short,"
+        f" {content['at_rest']} at rest; {content['settling_s']:.3g} s settling,"
+        f" {content['between_s']:.3g} s between"
     )
-    lines = [", ".join([summary, *record.record.codes])]
-    for piece in _pieces(record, rate_Hz):
+    lines = [", ".join([summary, *content["codes"]])]
+    for piece in content["pieces"]:
         trial, since, length, lift, *brought = piece.items()
         text = f"{since[1]:.6g} s, {length[1]:.4g} s, {lift[1]:.4g} N"
         more = (f"{name} {value:.4g}" for name, value in brought)

@@ -11,7 +11,7 @@ import tomlkit
 from nearlift.errors import InputRefused
 from nearlift.flow.field import on_grid
 from nearlift.readers.base import Channel, Contents
-from nearlift.readers.piv import PIXEL, Raw, claimed_by, raws
+from nearlift.readers.piv import PIXEL, Setting, claimed_by, raws
 
 TEMPLATE = """\
 [piv]
@@ -38,56 +38,47 @@ files    = "piv/ground-1/*"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grid:
-    """The first field of a file: its format, its nodes across and up, and what it says of units."""
+    """Format of a velocity grid, its columns, and the [piv] section that reads it."""
 
     format: str
-    title: str
-    nodes: tuple[int, int]
-    raw: Raw
-
-    @property
-    def contents(self) -> Contents:
-        """Its columns as channels."""
-        raw, stated = self.raw, self.raw.stated
-        length, speed = stated.length_unit or "", stated.velocity_unit or ""
-        lengths, speeds = {"x": raw.x, "y": raw.y}, {"u": raw.u, "v": raw.v}
-        columns = [(n, length, v) for n, v in lengths.items()]
-        columns += [(n, speed, v) for n, v in speeds.items()]
-        return Contents(
-            channels=tuple(Channel(name=n, unit=unit, values=v) for n, unit, v in columns),
-            kind=f"velocity grid, {self.title}",
-            notes=(f"{self.nodes[0]} x {self.nodes[1]} nodes: no record of force",),
-        )
+    contents: Contents
+    section: str
 
 
 def grid_of(path: Path) -> Grid | None:
-    """The file as a velocity grid; None where it is none."""
+    """Velocity grid of a file, by its first field; None where it is none."""
     try:
         dialect = claimed_by(path)
-        for raw in raws(path, dialect):
-            across, up, _ = on_grid(raw.x, raw.y, (raw.u,), str(path))
-            nodes = len(across), len(up)
-            return Grid(format=dialect.name, title=dialect.title, nodes=nodes, raw=raw)
-    except InputRefused:
-        pass
-    return None
+        raw = next(iter(raws(path, dialect)))
+        across, up, _ = on_grid(raw.x, raw.y, (raw.u,), str(path))
+    except (InputRefused, StopIteration):
+        return None
+    length, speed = raw.stated.length_unit or "", raw.stated.velocity_unit or ""
+    columns = (("x", length, raw.x), ("y", length, raw.y), ("u", speed, raw.u), ("v", speed, raw.v))
+    contents = Contents(
+        channels=tuple(Channel(name=n, unit=unit, values=v) for n, unit, v in columns),
+        kind=f"velocity grid, {dialect.title}",
+        notes=(f"{len(across)} x {len(up)} nodes: no record of force",),
+    )
+    section = _section(dialect.name, raw.stated, path.suffix)
+    return Grid(format=dialect.name, contents=contents, section=section)
 
 
-def piv_section(grid: Grid, path: Path) -> str:
-    """[piv] of a manifest for files of this kind, with what no file says marked FILL IN."""
-    file, doc = grid.raw.stated, tomlkit.parse(TEMPLATE)
-    piv: Any = doc["piv"]
-    piv["format"] = grid.format
-    length, velocity = file.length_unit, file.velocity_unit
-    stated = {
+def _section(form: str, stated: Setting, suffix: str) -> str:
+    """[piv] of a manifest for files of this kind; facts that no file states are marked FILL IN."""
+    length, velocity = stated.length_unit, stated.velocity_unit
+    in_frames = velocity is None or "/" not in velocity or "px" in velocity
+    known = {
         "length_unit": length is not None,
         "velocity_unit": velocity is not None,
-        "scale": file.scale_m is not None or not (length is None or length in PIXEL),
-        "frame_time": file.frame_time_s is not None
-        or not (velocity is None or "/" not in velocity or "px" in velocity),
+        "scale": stated.scale_m is not None or not (length is None or length in PIXEL),
+        "frame_time": stated.frame_time_s is not None or not in_frames,
     }
-    for key in (key for key, known in stated.items() if known):
+    doc = tomlkit.parse(TEMPLATE)
+    piv: Any = doc["piv"]
+    piv["format"] = form
+    for key in (key for key, is_known in known.items() if is_known):
         del piv[key]
     for case in piv["case"]:
-        case["files"] += path.suffix
+        case["files"] += suffix
     return tomlkit.dumps(doc)

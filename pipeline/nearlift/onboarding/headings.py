@@ -1,4 +1,4 @@
-"""The meaning of a heading: quantity and unit of a channel of a record or a column of a table."""
+"""Quantity and unit that a heading means, of a channel of a record or a column of a table."""
 
 from __future__ import annotations
 
@@ -138,30 +138,38 @@ def force_unit(heading: str) -> str:
 # ---- channels of a record
 
 
-def likely_force(channels: Sequence[Channel]) -> Channel | None:
-    """The one channel that may be the load cell: called a force, or in a unit of force.
+def likely_force(columns: Sequence[tuple[str, str]]) -> int | None:
+    """Place of the one column that may be the load cell's, by names and units; else None.
 
-    None where there is none, or several are equally likely.
+    It is called a force, or is in a unit of force. Of several, it is the most certain one.
     """
-    ranks = [_rank(channel) for channel in channels]
+    ranks = [_rank(*column) for column in columns]
     best = max(ranks, default=0)
-    if best and ranks.count(best) == 1:
-        return channels[ranks.index(best)]
-    only = [c for c in channels if not is_clock(c.name) and c.unit not in SECONDS]
-    other = COMMAND_WORDS | MOTOR_WORDS
-    return only[0] if len(only) == 1 and not best and not words(only[0].name) & other else None
+    return ranks.index(best) if best and ranks.count(best) == 1 else None
 
 
-def _rank(channel: Channel) -> int:
-    plain = fold(named(channel.name)[0])
-    said = next((len(FORCE_WORDS) - i for i, w in enumerate(FORCE_WORDS) if w in plain), 0)
-    if words(channel.name) & COMMAND_WORDS or (words(channel.name) & MOTOR_WORDS and not said):
+def _rank(heading: str, unit: str) -> int:
+    said, plain = words(heading), fold(named(heading)[0])
+    force = next((len(FORCE_WORDS) - i for i, w in enumerate(FORCE_WORDS) if w in plain), 0)
+    force = force or len(said & LIFT_WORDS)
+    if said & COMMAND_WORDS or (said & MOTOR_WORDS and not force):
         return 0
-    if channel.unit in FORCE_UNITS:
-        return 100 + said
+    if unit in FORCE_UNITS:
+        return 100 + force + 100 * bool(said & MEAN_WORDS)
     # a gram is a force only in a channel that is called one
-    named_unit = said and channel.unit in AS_FORCE
-    return said + 50 * bool(named_unit) if channel.unit in ("", "count", *AS_FORCE) else 0
+    if force and unit in AS_FORCE:
+        return 50 + force
+    return force + 100 * bool(force and said & MEAN_WORDS) if unit in ("", "count") else 0
+
+
+def force_channel(channels: Sequence[Channel]) -> Channel | None:
+    """Channel that may be the load cell: `likely_force`, else the only one that is no clock."""
+    place = likely_force([(c.name, c.unit) for c in channels])
+    if place is not None:
+        return channels[place]
+    only = [c for c in channels if not is_clock(c.name) and c.unit not in SECONDS]
+    alone = len(only) == 1 and not words(only[0].name) & (COMMAND_WORDS | MOTOR_WORDS)
+    return only[0] if alone else None
 
 
 def is_clock(heading: str) -> bool:
@@ -209,14 +217,14 @@ def doubtful_rate(rate_Hz: float, clock: Channel | None) -> str:
 
 
 def schedule_column(heading: str) -> tuple[str, str]:
-    """The schedule's column that a column is by its name, and its unit; each may be empty."""
+    """Column of the schedule that a heading means, and its unit; each may be empty."""
     bare, unit = named(heading)
     ratios = {fold(heading).replace("_over_", "/").replace(" ", ""), fold(unit)}
     if ratios & AS_RADII or unit == RADII:
         return "distance", RADII
     if ratios & AS_DIAMETERS:
         return "", ""
-    plain = fold(bare).replace("_", " ")
+    plain, said = fold(bare).replace("_", " "), words(heading)
     may = [k for k in KNOWN if plain in (k.name.replace("_", " "), *SYNONYMS.get(k.name, ()))]
     for known in may:
         if known.kind == "quantity" and (written := unit_of(known.name, unit)):
@@ -224,13 +232,18 @@ def schedule_column(heading: str) -> tuple[str, str]:
         if known.kind != "quantity" and not unit:
             return known.name, ""
     # a unit of another dimension makes it another quantity
-    return (may[0].name, "") if may and not unit else _by_one_word(heading, unit)
+    if may and not unit:
+        return may[0].name, ""
+    if said & (OTHER_STATISTICS | SCATTER_WORDS):
+        return "", ""
+    for column in (column for column, of_it in ONE_WORD.items() if said & of_it):
+        if (written := unit_of(column, unit) if unit else "") or (not unit and column != "supply"):
+            return column, written
+    return "", ""
 
 
 def unit_of(column: str, unit: str) -> str:
-    """The unit of a schedule's column as the manifest has it; empty where it is missing or of
-    another dimension.
-    """
+    """Unit of a schedule's column as the manifest has it; empty if missing, or of another kind."""
     known = BY_NAME[column]
     written = AS_FORCE.get(unit, unit) if known.dimension == "force" else unit
     try:
@@ -238,16 +251,3 @@ def unit_of(column: str, unit: str) -> str:
     except ManifestError:
         return ""
     return written or known.own_unit
-
-
-def _by_one_word(heading: str, unit: str) -> tuple[str, str]:
-    """A distance, a throttle or a supply by one word of its name."""
-    said = words(heading)
-    if said & (OTHER_STATISTICS | SCATTER_WORDS):
-        return "", ""
-    for column in (column for column, of_it in ONE_WORD.items() if said & of_it):
-        if not unit and column != "supply":
-            return column, ""
-        if unit and (written := unit_of(column, unit)):
-            return column, written
-    return "", ""

@@ -1,6 +1,4 @@
-"""The contents of a file: its format, its channels, and which of them may be the force and its
-clock.
-"""
+"""Contents of a file: its format, its channels, and which may be the force and its clock."""
 
 from __future__ import annotations
 
@@ -26,7 +24,7 @@ from nearlift.readers.text import CSV, SHEET, TEXT
 from nearlift.reduction.start import RotorStart, start_of
 from nearlift.reduction.wrap import wrap_of
 
-#: The first bytes of a DataFlash log: two that begin each message, and the type of its formats.
+#: First bytes of a DataFlash log: two that begin each message, and the type of its formats.
 DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
 #: Covariates of a schedule that a channel of a record may be.
@@ -35,46 +33,45 @@ COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "h
 
 @dataclass(frozen=True, kw_only=True)
 class Inspection:
-    """One file's contents, the reader that reads it, and what may be the force and its clock.
+    """Contents of one file, its reader, and the channels that may be the force and its clock.
 
-    `columns` are the names given to the columns of a text that has none. A velocity grid has
+    `unnamed` marks a text without a header, whose columns the `dialect` names. A velocity grid has
     `grid`, a list of trials `table`.
     """
 
     path: Path
     contents: Contents
-    bytes: int
     reader: str = ""
     force: Channel | None = None
     clock: Channel | None = None
-    columns: tuple[str, ...] = ()
     dialect: RecordsDialect = field(default_factory=dict)
+    unnamed: bool = False
     grid: Grid | None = None
     table: InputTable | None = None
 
+    @property
+    def doubt(self) -> str:
+        """Reason why the rate of the force is doubtful; empty where it is not, or is unknown."""
+        rate = None if self.force is None else self.force.rate_Hz
+        return headings.doubtful_rate(rate, self.clock) if rate else ""
+
+    @functools.cached_property
+    def wraps(self) -> float | None:
+        """Jump of a force that may be a counter that wraps; None where there is none."""
+        return None if self.force is None else wrap_of(self.force.values)
+
     @functools.cached_property
     def ramp(self) -> Ramp | None:
-        """The sweep of a record of many lifts; None of one trial, or of no record."""
+        """Sweep of a record of many lifts; None of one trial, or of no record."""
         # where the rate is doubtful, rows are means already
         if self.force is None or self.reader in ("", "parquet") or self.doubt or self.wraps:
             return None
         clocks = [c.name for c in self.contents.channels if headings.is_clock(c.name)]
         return ramp_of(self.force, self.contents.channels, clocks, self.force.rate_Hz)
 
-    @property
-    def doubt(self) -> str:
-        """The reason why the rate of the force is doubtful; empty where it is not, or unknown."""
-        rate = None if self.force is None else self.force.rate_Hz
-        return headings.doubtful_rate(rate, self.clock) if rate else ""
-
-    @functools.cached_property
-    def wraps(self) -> float | None:
-        """The jump of a force that may be a counter that wraps; None where there is none."""
-        return None if self.force is None else wrap_of(self.force.values)
-
     @functools.cached_property
     def start(self) -> RotorStart | None:
-        """The start of the rotors, in samples; None where it cannot be seen."""
+        """Start of the rotors, in samples; None where it is not detectable."""
         if self.force is None or not self.force.rate_Hz or self.ramp is not None:
             return None
         return start_of(self.force.values, self.force.rate_Hz)
@@ -86,13 +83,13 @@ class Inspection:
         for c in self.contents.channels:
             stated = f"{headings.named(c.name)[0]} ({c.unit})" if c.unit else c.name
             name, unit = headings.schedule_column(stated)
-            if name in COVARIATES and unit and np.isfinite(c.values).all() and name not in unused:
-                unused[name] = c, unit
+            if name in COVARIATES and unit and np.isfinite(c.values).all():
+                unused.setdefault(name, (c, unit))
         return unused
 
     @property
     def means(self) -> Mapping[str, float]:
-        """The mean of each of these channels, once the lift is steady."""
+        """Mean of each of these channels, once the lift is steady."""
         n = 0 if self.force is None else len(self.force.values)
         first = 0 if self.start is None else self.start.steady_from
         return {
@@ -104,8 +101,7 @@ class Inspection:
 def inspect(
     path: Path, dialect: RecordsDialect | None = None, *, record: bool = False
 ) -> Inspection:
-    """The contents of a file; `dialect` as ``[records] dialect`` takes it; `record`: it is no
-    velocity grid.
+    """Inspect a file; `dialect` as ``[records] dialect`` takes it; `record`: it is no grid.
 
     Raises
     ------
@@ -114,111 +110,106 @@ def inspect(
     ManifestError
         The dialect has a key that the file's format does not know.
     """
-    said, length = dict(dialect or {}), _length(path)
-    if not (said or record) and (grid := grid_of(path)) is not None:
-        return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
+    _refuse_empty(path)
+    if not (dialect or record) and (grid := grid_of(path)) is not None:
+        return Inspection(path=path, contents=grid.contents, grid=grid)
+    reader = _reader_of(path)
+    contents, stated, unnamed = _read(reader, path, dict(dialect or {}))
+    channels = [
+        c if c.unit else replace(c, unit=headings.named(c.name)[1]) for c in contents.channels
+    ]
+    clock = headings.likely_clock(channels, headings.force_channel(channels))
+    if all(c.rate_Hz is None for c in channels):
+        channels = [replace(c, rate_Hz=headings.clock_rate(clock)) for c in channels]
+    force = headings.force_channel(channels)
+    table = tables.table_of(path, stated) if reader in (TEXT, SHEET) and not unnamed else None
+    if reader is TEXT and not stated and _plain_csv(path, force or channels[0], clock):
+        reader = CSV
+    return Inspection(
+        path=path,
+        reader=reader.name,
+        contents=replace(
+            contents,
+            channels=tuple(channels),
+            notes=(*contents.notes, *_shared_stamps(channels, clock)),
+        ),
+        force=force,
+        clock=clock,
+        dialect=stated,
+        unnamed=unnamed,
+        table=table if table is not None and table.lists_trials else None,
+    )
+
+
+def _refuse_empty(path: Path) -> None:
+    """Refuse anything but a plain file with content."""
+    if not path.exists():
+        raise InputRefused(str(path), "is missing", "name a file that an instrument wrote")
+    if not path.is_file():
+        remedy = "a record is a plain file, no folder, pipe or device"
+        if path.is_dir():
+            remedy = "name a file in it; `nearlift new DIR --from FOLDER` takes them all"
+        raise InputRefused(str(path), "is not a regular file", remedy)
+    if path.stat().st_size == 0:
+        raise InputRefused(str(path), "is empty", "it was never written, or the disk was full")
+
+
+def _reader_of(path: Path) -> Reader:
+    """Reader that claims a file; that of text where no other does."""
     head = head_of(path, HEAD)
-    head = guarded.run(content_of, path, HEAD) if head.startswith(GZIP) else head
+    if head.startswith(GZIP):
+        head = guarded.run(content_of, path, HEAD)
     if head.startswith(DATAFLASH):
         raise InputRefused(
             str(path),
             "is a DataFlash log (.BIN) of ArduPilot: a flight, and no record of a load cell",
             "name the file that the load cell's logger wrote",
         )
-    form = recognised(head, path.name)
-    contents, columns = _read(form, path, said)
-    channels = [
-        c if c.unit else replace(c, unit=headings.named(c.name)[1]) for c in contents.channels
-    ]
-    force = headings.likely_force(channels)
-    clock = headings.likely_clock(channels, force)
-    if all(c.rate_Hz is None for c in channels):
-        rate = headings.clock_rate(clock)
-        channels = [replace(c, rate_Hz=rate) for c in channels]
-        force = None if force is None else replace(force, rate_Hz=rate)
-    notes = (*contents.notes, *_shared_stamps(channels, clock))
-    plain = form is TEXT and not (said or columns) and _plain_csv(path, force or channels[0], clock)
-    table = tables.table_of(path, said) if form in (TEXT, SHEET) and not columns else None
-    return Inspection(
-        path=path,
-        reader=CSV.name if plain else form.name,
-        contents=replace(contents, channels=tuple(channels), notes=notes),
-        force=force,
-        clock=clock,
-        bytes=length,
-        columns=columns,
-        dialect=said,
-        table=table if table is not None and table.lists_trials else None,
-    )
+    name = path.name.casefold()
+    return next((r for r in readers.readers() if r.recognises(head, name)), TEXT)
 
 
-def _length(path: Path) -> int:
-    """The length of a plain file with content, bytes; any other is refused."""
-    if not path.exists():
-        raise InputRefused(str(path), "is missing", "name a file that an instrument wrote")
-    if not path.is_file():
-        raise InputRefused(
-            str(path),
-            "is not a regular file",
-            "name a file in it; `nearlift new DIR --from FOLDER` takes them all"
-            if path.is_dir()
-            else "a record is a plain file, no folder, pipe or device",
-        )
-    length = path.stat().st_size
-    if length == 0:
-        raise InputRefused(str(path), "is empty", "it was never written, or the disk was full")
-    return length
-
-
-def recognised(head: bytes, name: str) -> Reader:
-    """The reader of a file; that of text where no other claims it."""
-    claims = (r for r in readers.readers() if r.recognises(head, name.casefold()))
-    return next(claims, TEXT)
-
-
-def _read(form: Reader, path: Path, said: RecordsDialect) -> tuple[Contents, tuple[str, ...]]:
-    """The channels of a file, and the names given to columns without any."""
+def _read(
+    reader: Reader, path: Path, stated: dict[str, object]
+) -> tuple[Contents, dict[str, object], bool]:
+    """Channels of a file, the dialect that reads it, and whether its columns had no names."""
     try:
-        return _contents(form, path, said), ()
-    except NoNames as refusal:
-        if (fault := tables.several(path, said)) is not None:
-            raise fault from None
-        # the file is read by the names that are proposed
-        columns = tuple(f"column {i + 1}" for i in range(refusal.columns))
-        return _contents(form, path, {**said, "columns": list(columns)}), columns
-    except InputRefused as refusal:
-        raise (tables.several(path, said) if form is TEXT else None) or refusal from None
-
-
-def _contents(form: Reader, path: Path, dialect: RecordsDialect) -> Contents:
-    try:
-        contents = form.open(path, form.checked_dialect(dialect))
+        contents = reader.open(path, reader.checked_dialect(stated))
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "copy it again from the rig") from None
+    except NoNames as refusal:
+        if (refused := tables.several(path, stated)) is not None:
+            raise refused from None
+        # the file is read by the names that are proposed
+        columns = [f"column {i + 1}" for i in range(refusal.columns)]
+        contents, stated, _ = _read(reader, path, {**stated, "columns": columns})
+        return contents, stated, True
+    except InputRefused as refusal:
+        raise (tables.several(path, stated) if reader is TEXT else None) or refusal from None
     if not contents.channels:
         raise InputRefused(
             str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
         )
-    return contents
+    return contents, stated, False
 
 
 def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
     """Whether the stricter and faster reader of plain CSV reads the same numbers."""
-    wanted = {c.name: c for c in (force, clock) if c is not None}
+    wanted = {c.name: c.values for c in (force, clock) if c is not None}
     try:
-        channels = CSV.open(path, {}, tuple(wanted)).channels
+        read = {c.name: c.values for c in CSV.open(path, {}, tuple(wanted)).channels}
     except InputRefused:
         return False
-    return {c.name for c in channels} == set(wanted) and all(
-        np.array_equal(c.values, wanted[c.name].values, equal_nan=True) for c in channels
+    return read.keys() == wanted.keys() and all(
+        np.array_equal(read[name], wanted[name], equal_nan=True) for name in wanted
     )
 
 
 def rows_per_stamp(clock: Channel) -> int:
-    """The number of rows that share each time of a clock; 1 where each has its own."""
+    """Number of rows that share each time of a clock; 1 where each has its own."""
     times = clock.values[np.isfinite(clock.values)]
-    differs = np.flatnonzero(times != times[0]) if len(times) else times
-    each = int(differs[0]) if len(differs) else 1
+    changes = np.flatnonzero(np.diff(times))
+    each = int(changes[0]) + 1 if len(changes) else 1
     if each < 2 or len(times) < 2 * each:
         return 1
     groups = times[: len(times) // each * each].reshape(-1, each)
@@ -226,24 +217,24 @@ def rows_per_stamp(clock: Channel) -> int:
 
 
 def _shared_stamps(channels: Sequence[Channel], clock: Channel | None) -> list[str]:
-    """A note on a clock with several rows to each stamp: rows of several sensors."""
+    """Note on a clock with several rows to each stamp: rows of several sensors."""
     if clock is None or (rows := rows_per_stamp(clock)) < 2:
         return []
-    same = [
-        c.name
-        for c in channels
-        if c.name != clock.name
-        and len(c.values) == len(clock.values)
-        and len(set(c.values[: 4 * rows].tolist())) == rows
-        and (c.values[rows:] == c.values[:-rows]).all()
-    ]
-    if not same and (clock.values % 1 == 0).all():
+    if (clock.values % 1 == 0).all() and not any(_numbers(c, clock, rows) for c in channels):
         step = clock.values[rows] - clock.values[rows - 1]
-        note = f"{clock.name!r} has {rows} rows to each {step:g} {clock.unit}: it is too coarse for"
-        return [f"{note} a clock of the samples; state their rate"]
-    by = f"{same[0]!r} numbers them" if same else "no column numbers them"
-    note = (
-        f"each time of {clock.name!r} has {rows} rows: {rows} sensors in one file, and {by}; keep"
-        " the rows of one sensor, as a file of its own"
+        coarse = f"{clock.name!r} has {rows} rows to each {step:g} {clock.unit}: it is too coarse"
+        return [f"{coarse} for a clock of the samples; state their rate"]
+    by = [f"{c.name!r} numbers them" for c in channels if _numbers(c, clock, rows)]
+    sensors = f"each time of {clock.name!r} has {rows} rows: {rows} sensors in one file"
+    parted = by[0] if by else "no column numbers them"
+    return [f"{sensors}, and {parted}; keep the rows of one sensor, as a file of its own"]
+
+
+def _numbers(channel: Channel, clock: Channel, rows: int) -> bool:
+    """Whether a channel numbers the rows of each stamp."""
+    values = channel.values
+    if channel.name == clock.name or len(values) != len(clock.values):
+        return False
+    return len({*values[: 4 * rows].tolist()}) == rows and bool(
+        (values[rows:] == values[:-rows]).all()
     )
-    return [note]

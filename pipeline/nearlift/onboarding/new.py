@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import shutil
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
@@ -30,7 +30,7 @@ NO_RECORDS, NO_RECORD = (".md", ".pdf", ".png", ".jpg", ".docx", ".py", ".m", ".
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Made:
-    """The files written, what is left to fill in, and remarks."""
+    """Files written, values that are still to be filled in, and remarks."""
 
     written: tuple[Path, ...]
     fill_in: tuple[str, ...]
@@ -40,31 +40,25 @@ class Made:
 def write_template(folder: Path) -> Made:
     """Write campaign.toml, trials.csv and an empty trials/ into a new folder."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(
-            str(folder),
-            "is not empty" if folder.is_dir() else "is a file",
-            "name a new folder; nothing is ever overwritten",
-        )
+        what = "is not empty" if folder.is_dir() else "is a file"
+        raise UsageError(str(folder), what, "name a new folder; nothing is ever overwritten")
     (folder / "trials").mkdir(parents=True)
     whole, records = proposal.template(), tomlkit.document()
     records["load_cell"], records["records"] = whole["load_cell"], whole["records"]
     schedule = ProposedSchedule(
         trials=pd.DataFrame(columns=COLUMNS), units={"distance": "", "throttle": ""}
     )
-    more = ["trials.csv: a line for each trial"]
-    made = _write(folder, records, schedule, more)
+    made = _write(folder, records, schedule, ["trials.csv: a line for each trial"])
     return replace(made, written=(*made.written, folder / "trials"))
 
 
 def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | None = None) -> Made:
-    """Write a campaign for files that are there: the manifest with what they say, a schedule with a
-    line for each trial.
+    """Write a campaign for files: their manifest, and a schedule with a line for each trial.
 
     `files` are records, one for each trial, and perhaps the schedule: a table of which a column
-    holds their names. Or they are one long table of Parquet, or one table of means. A folder among
-    them means all plain files in it, hidden ones aside. `dialect` is how to read them, as
-    ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied
-    into it.
+    holds their names. Or they are one long table of Parquet, or one table of means. A folder stands
+    for the files in it. Files inside the campaign's folder stay where they are; others are copied
+    into it. `dialect` is as ``[records] dialect`` takes it.
 
     Raises
     ------
@@ -74,15 +68,14 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     InputRefused
         A file cannot be read, or the files are not of one kind.
     """
-    if (folder / "campaign.toml").exists():
-        raise _exists(folder / "campaign.toml")
+    _refuse_existing(folder / "campaign.toml")
     notes: list[str] = []
     files = [f for path in files for f in (_within(path, notes) if path.is_dir() else (path,))]
     listing = folder / "trials.csv"
     has_listing = listing.exists() and listing not in files
     paths, table = _parted([*files, listing] if has_listing else files, dialect or {})
     if has_listing and listing in paths:
-        raise _exists(listing)
+        _refuse_existing(listing)
     inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(paths)]
     first = inspected[0]
     if first.grid is not None:
@@ -94,8 +87,7 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
         )
     if len(inspected) == 1 and first.table is not None and first.table.means:
         means = first.table.schedule(first.table.row_ids(), means=True)
-        more = first.table.wanted(means=True)
-        return replace(_write(folder, proposal.for_means(), means, more), notes=tuple(notes))
+        return replace(_write(folder, proposal.for_means(), means, ()), notes=tuple(notes))
     if listing in paths:
         raise UsageError(
             str(listing),
@@ -116,20 +108,17 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
 def _write(
     folder: Path, records: TOMLDocument, schedule: ProposedSchedule, more: Sequence[str]
 ) -> Made:
-    """Write the manifest, and the schedule unless it is there (another one is refused); `more` is
-    left to fill in.
-    """
+    """Write the manifest, and the schedule unless it exists; `more` is left to fill in."""
     path, manifest = folder / "trials.csv", folder / "campaign.toml"
     written = [manifest]
     if path.exists():
-        header = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()[:1]
-        if sorted(",".join(header).split(",")) != sorted(schedule.trials.columns):
-            raise _exists(path)
+        header = path.read_text(encoding="utf-8-sig", errors="replace").partition("\n")[0].strip()
+        if sorted(header.split(",")) != sorted(schedule.trials.columns):
+            _refuse_existing(path)
     else:
         written.append(path)
         tables.write_whole(path, schedule.trials.to_csv(index=False, lineterminator="\n").encode())
-    for key, table in proposal.for_trials(schedule).items():
-        records[key] = table
+    records.update(proposal.for_trials(schedule))
     text = proposal.document(slug(folder), records)
     # last: a folder with a manifest is a campaign
     tables.write_whole(manifest, text.encode())
@@ -138,41 +127,40 @@ def _write(
 
 
 def slug(folder: Path) -> str:
-    """A campaign's name from its folder's."""
+    """Name of a campaign, from its folder's."""
     name = unicodedata.normalize("NFKD", folder.resolve().name.lower())
     plain = name.encode("ascii", "ignore").decode()
     return "".join(c if c.isalnum() else "-" for c in plain).strip("-") or "campaign"
 
 
-def _exists(path: Path) -> UsageError:
-    return UsageError(
-        str(path), "is there already", "name a new folder; nothing is ever overwritten"
-    )
+def _refuse_existing(path: Path) -> None:
+    if path.exists():
+        raise UsageError(
+            str(path), "is there already", "name a new folder; nothing is ever overwritten"
+        )
 
 
 # ---- files
 
 
 def _within(folder: Path, notes: list[str]) -> list[Path]:
-    """The plain files of a folder, those that are no records aside, which are noted."""
+    """Plain files of a folder that may be records; the others are noted."""
     files = sorted(f for f in folder.iterdir() if f.is_file() and not f.name.startswith("."))
-    other = [
-        f.name
+    taken = [
+        f
         for f in files
-        if f.suffix.lower() in NO_RECORDS or f.name.lower().startswith(NO_RECORD)
+        if f.suffix.lower() not in NO_RECORDS and not f.name.lower().startswith(NO_RECORD)
     ]
-    if other:
+    if other := [f.name for f in files if f not in taken]:
         notes.append(f"not taken as records: {', '.join(other)}")
-    taken = [f for f in files if f.name not in other]
     if not taken:
-        raise UsageError(
-            str(folder), "holds no files", "name the folder that the records are in, or the records"
-        )
+        remedy = "name the folder that the records are in, or the records"
+        raise UsageError(str(folder), "holds no files", remedy)
     return taken
 
 
 def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path], InputTable | None]:
-    """The records, and the table that lists them where one of the files is that."""
+    """Records, and the table that lists them where one of the files is that."""
     for path in files:
         others = [other for other in files if other is not path]
         table = table_of(path, dialect) if others and path.is_file() else None
@@ -182,15 +170,14 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
 
 
 def _of_one_kind(inspected: list[Inspection]) -> list[Inspection]:
-    """The files, by one reader that reads all; refuses files with other channels."""
+    """Files by one reader that reads them all; refuses files with other channels."""
     if {f.reader for f in inspected} == {CSV.name, TEXT.name}:
         # the one that reads plain CSV as well
         inspected = [replace(f, reader=TEXT.name) for f in inspected]
     first = inspected[0]
+    channels = {c.name for c in first.contents.channels}
     for other in inspected[1:]:
-        if other.reader != first.reader or {c.name for c in other.contents.channels} != {
-            c.name for c in first.contents.channels
-        }:
+        if other.reader != first.reader or {c.name for c in other.contents.channels} != channels:
             raise InputRefused(
                 str(other.path),
                 f"is {other.contents.kind} with other channels than {first.path.name}",
@@ -205,15 +192,16 @@ def _of_one_kind(inspected: list[Inspection]) -> list[Inspection]:
 
 def _places(
     folder: Path, inspected: Sequence[Inspection]
-) -> tuple[str, list[str], Mapping[Path, Path]]:
-    """The manifest's pattern of the files, their trials, and the copies to make."""
+) -> tuple[str, list[str], dict[Path, Path]]:
+    """Manifest's pattern of the files, their trials, and the copies to make."""
     root, paths = folder.resolve(), [f.path for f in inspected]
     inside = all(path.resolve().is_relative_to(root) for path in paths)
     long = inspected[0].reader == parquet.READER.name
-    if inside:
-        targets = [path.resolve().relative_to(root).as_posix() for path in paths]
-    else:
-        targets = [path.name if long else f"trials/{path.name}" for path in paths]
+    copied = "" if long else "trials/"
+    targets = [
+        path.resolve().relative_to(root).as_posix() if inside else f"{copied}{path.name}"
+        for path in paths
+    ]
     if len({t.casefold() for t in targets}) != len(targets):
         raise UsageError(
             "--from", "two files have one name, or differ only in case", "rename one of them"
@@ -221,29 +209,24 @@ def _places(
     copies = {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)}
     if long:
         return targets[0], parquet.trials(paths[0]), copies
-    before, after = _around(targets)
-    swept = all(f.ramp is not None for f in inspected)
-    trials = [target[len(before) : len(target) - len(after)] for target in targets]
-    return f"{before}{{{'record' if swept else 'trial'}}}{after}", trials, copies
-
-
-def _around(targets: Sequence[str]) -> tuple[str, str]:
-    """The parts of every name before and behind the trial's id: a folder, and a suffix."""
     name = PurePosixPath(targets[0]).name
     before, after = targets[0].removesuffix(name), name.removeprefix(trial_of(name))
-    if all(
-        t.startswith(before) and t.endswith(after) and "/" not in t[len(before) :] for t in targets
+    trials = [target.removeprefix(before).removesuffix(after) for target in targets]
+    if any(
+        "/" in trial or f"{before}{trial}{after}" != target
+        for trial, target in zip(trials, targets, strict=True)
     ):
-        return before, after
-    raise UsageError(
-        "--from",
-        "the files lie in different folders, or have different suffixes",
-        "put them into one folder",
-    )
+        raise UsageError(
+            "--from",
+            "the files lie in different folders, or have different suffixes",
+            "put them into one folder",
+        )
+    mark = "record" if all(f.ramp is not None for f in inspected) else "trial"
+    return f"{before}{{{mark}}}{after}", trials, copies
 
 
 def trial_of(name: str) -> str:
-    """A file's name without its suffix, and without that of its compression."""
+    """Name of a file without its suffix, and without that of its compression."""
     plain = name.removesuffix(".gz")
     return plain.removesuffix(PurePosixPath(plain).suffix)
 
@@ -254,11 +237,11 @@ def trial_of(name: str) -> str:
 def _schedule(
     inspected: Sequence[Inspection], trials: Sequence[str], table: InputTable | None
 ) -> tuple[ProposedSchedule, list[str]]:
-    """The schedule of these records, and what else it wants."""
+    """Schedule of these records, and what else it needs."""
     swept = inspected[0].ramp is not None
+    more: list[str] = []
     if table is not None:
         schedule = table.schedule(table.ids(trials) or list(trials), means=False, of_records=swept)
-        more = table.wanted(means=False)
     else:
         header = ["record", *COLUMNS[1:3]] if swept else COLUMNS
         blank = pd.DataFrame(BLANK, index=range(len(trials)), columns=header)
@@ -267,25 +250,17 @@ def _schedule(
         )
         what = "boundary and distance" if swept else "boundary, distance and throttle"
         more = [f"trials.csv: {what} of {len(trials)} {'records' if swept else 'trials'}"]
-    return (schedule if swept else _with_means(schedule, inspected, trials)), more
-
-
-def _with_means(
-    schedule: ProposedSchedule, inspected: Sequence[Inspection], trials: Sequence[str]
-) -> ProposedSchedule:
-    """The schedule with the means of the records' further channels, where it has no such column."""
-    if len(inspected) != len(trials):
-        return schedule
-    of_trial = {trial: f.means for trial, f in zip(trials, inspected, strict=True)}
-    names = [
-        name
-        for name in COVARIATES
-        if name not in schedule.units and all(name in means for means in of_trial.values())
-    ]
-    listed = schedule.trials["trial"]
-    columns = {n: [f"{of_trial[t][n]:.6g}" if t in of_trial else "" for t in listed] for n in names}
-    units = {**schedule.units, **{n: inspected[0].further[n][1] for n in names}}
-    return replace(schedule, trials=schedule.trials.assign(**columns), units=units)
+    if swept or len(inspected) != len(trials):
+        return schedule, more
+    # further channels of the records become columns, unless the table has them
+    means = pd.DataFrame([f.means for f in inspected], index=list(trials)).dropna(axis="columns")
+    taken = [name for name in COVARIATES if name in means and name not in schedule.units]
+    cells = means[taken].map("{:.6g}".format).reindex(schedule.trials["trial"]).fillna("")
+    return replace(
+        schedule,
+        trials=schedule.trials.assign(**{name: cells[name].to_numpy() for name in taken}),
+        units={**schedule.units, **{name: inspected[0].further[name][1] for name in taken}},
+    ), more
 
 
 def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> list[str]:
@@ -296,8 +271,7 @@ def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> lis
         if name in schedule.trials and inspected[0].ramp is None
     ]
     notes = [f"trials.csv has from each record: {'; '.join(taken)}"] if taken else []
-    wrapped = [f.path.name for f in inspected if f.wraps]
-    if wrapped:
+    if wrapped := [f.path.name for f in inspected if f.wraps]:
         notes.append(
             f"{', '.join(wrapped[:5])}{' ...' * (len(wrapped) > 5)}: the force jumps from one"
             " sample to the next and stays there, as a converter's counter does that wraps; correct"

@@ -1,12 +1,12 @@
-"""The tables of a manifest for inspected files: what no file says is marked FILL IN."""
+"""Tables of a manifest for inspected files; facts that no file states are marked FILL IN."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -25,53 +25,17 @@ from nearlift.schedule import BY_NAME, RADII
 HERE = Path(__file__).parent
 #: Share of the rest head that is left as margin, and of the records that the margin is for.
 MARGIN, OF_RECORDS = 0.1, 0.95
-#: Asked for in words: the interval leaves out what the manifest does not state.
+#: Asked for in words: the interval leaves out uncertainties that the manifest does not state.
 ASKED = "campaign.toml: [[uncertainty]] of rotor radius and rotor spacing, if they are known"
 
 
-class Head(NamedTuple):
-    """Rest head of the records: a tare and settling that leave a margin, and their reasons."""
-
-    tare_s: float
-    settle_s: float
-    words: str
-    steady: str
-
-
-def usual_head(inspected: Sequence[Inspection]) -> Head | None:
-    """Rest head of records of one lift, measured; None where half of them show none."""
-    starts = [(f.start, f.force.rate_Hz) for f in inspected if f.start and f.force]
-    if 2 * len(starts) <= len(inspected):
-        return None
-    begins = sorted(s.rest_ends / rate for s, rate in starts if rate)
-    steady = sorted(s.steady_from / rate for s, rate in starts if rate)
-    last = len(begins) - 1
-    early = begins[math.ceil((1 - OF_RECORDS) * last)]
-    late = steady[math.floor(OF_RECORDS * last)]
-    tare = _two_digits(early * (1 - MARGIN), math.floor)
-    settle = _two_digits(late - tare + MARGIN * early, math.ceil)
-    span = f"{begins[0]:.3g}" if begins[0] == begins[-1] else f"{begins[0]:.3g} to {begins[-1]:.3g}"
-    records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
-    return Head(
-        tare_s=tare,
-        settle_s=settle,
-        words=f"rotors at rest: they start at {span} s ({records})",
-        steady=f"left out after the tare: the lift is steady from {late:.3g} s on",
-    )
-
-
-def _two_digits(value: float, rounded: Callable[[float], int]) -> float:
-    digits = 1 - math.floor(math.log10(value))
-    return float(rounded(value * 10**digits) / 10**digits)
-
-
 def template() -> TOMLDocument:
-    """The commented manifest with every value to fill in."""
+    """Commented manifest with every value to fill in."""
     return tomlkit.parse((HERE / "template.toml").read_text(encoding="utf-8"))
 
 
 def document(name: str, tables: TOMLDocument) -> str:
-    """A whole manifest: the facts of the rig to fill in, these tables, and further choices."""
+    """Whole manifest: the facts of the rig to fill in, these tables, and further choices."""
     whole = template()
     whole["name"] = name
     for key in ("load_cell", "records", "trials"):
@@ -83,31 +47,9 @@ def document(name: str, tables: TOMLDocument) -> str:
 
 
 def blanks(text: str) -> list[str]:
-    """The lines of a manifest that are to be filled in."""
+    """Lines of a manifest that are to be filled in."""
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if not line.startswith("#")]
     return [f"line {i}: {line.split('#')[0].strip()}" for i, line in lines if BLANK in line]
-
-
-def for_records(
-    inspected: Sequence[Inspection], files: str | None = None, *, cell: bool = True
-) -> TOMLDocument:
-    """[load_cell], [records] and, for sweeps, [segments] of records that are alike; `cell`: with
-    the range and accuracy of the load cell to fill in.
-    """
-    doc, whole, first = tomlkit.document(), template(), inspected[0]
-    doc["load_cell"], doc["records"] = whole["load_cell"], whole["records"]
-    _fill_load_cell(doc["load_cell"], inspected, cell)
-    _fill_records(doc["records"], first, files)
-    if all(f.ramp is not None for f in inspected):
-        assert first.ramp is not None
-        for key, table in tomlkit.parse(first.ramp.segments).items():
-            doc[key] = table
-        cut: Any = doc["segments"]
-        for name, (channel, unit) in first.further.items():
-            cut.setdefault("columns", tomlkit.table())
-            if name not in cut["columns"]:
-                cut["columns"][name] = _inline({"column": channel.name, "unit": unit})
-    return doc
 
 
 def for_means() -> TOMLDocument:
@@ -118,35 +60,79 @@ def for_means() -> TOMLDocument:
     return doc
 
 
-def _fill_load_cell(table: Any, inspected: Sequence[Inspection], cell: bool) -> None:
-    first = inspected[0]
-    heard = [first.force] if first.force is not None else first.contents.channels
-    rates = {c.rate_Hz for c in heard}
-    if len(rates) == 1 and (rate := rates.pop()) and not first.doubt:
-        _set(table, "sample_rate", f"{rate:.6g} Hz")
-    else:
-        why = (
-            "the channels differ: that of the force" if rates - {None} else "the file does not say"
-        )
-        _set(table, "sample_rate", "FILL IN Hz", first.doubt or why)
+def for_records(
+    inspected: Sequence[Inspection], files: str | None = None, *, cell: bool = True
+) -> TOMLDocument:
+    """[load_cell], [records] and, for sweeps, [segments] of records that are alike.
+
+    `cell`: with range and accuracy of the load cell to fill in.
+    """
+    doc, whole, first = tomlkit.document(), template(), inspected[0]
+    load_cell: Any = whole["load_cell"]
+    doc["load_cell"], doc["records"] = load_cell, whole["records"]
+    _state_rate(load_cell, first)
     if first.ramp is not None:
-        del table["settle"]
-    elif head := usual_head(inspected):
-        _set(table, "tare", f"{head.tare_s:g} s", head.words)
-        _set(table, "settle", f"{head.settle_s:g} s", head.steady)
+        del load_cell["settle"]
+    else:
+        _state_head(load_cell, inspected)
     if not cell:
-        del table["range"], table["accuracy"]
+        del load_cell["range"], load_cell["accuracy"]
+    _fill_records(doc["records"], first, files)
+    if first.ramp is not None and all(f.ramp is not None for f in inspected):
+        for key, table in tomlkit.parse(first.ramp.segments).items():
+            doc[key] = table
+        cut: Any = doc["segments"]
+        for name, (channel, unit) in first.further.items():
+            brought = cut.setdefault("columns", tomlkit.table())
+            brought.setdefault(name, _inline({"column": channel.name, "unit": unit}))
+    return doc
+
+
+def _state_rate(table: Any, first: Inspection) -> None:
+    """State the sample rate, or ask for it."""
+    rates = {c.rate_Hz for c in ([first.force] if first.force else first.contents.channels)}
+    if len(rates) == 1 and not first.doubt and (rate := next(iter(rates))):
+        _set(table, "sample_rate", f"{rate:.6g} Hz")
+        return
+    differ = "the channels differ: that of the force"
+    why = differ if rates - {None} else "the file does not say"
+    _set(table, "sample_rate", "FILL IN Hz", first.doubt or why)
+
+
+def _state_head(table: Any, inspected: Sequence[Inspection]) -> None:
+    """State a tare and settling that leave a margin, if most records show a rest head."""
+    starts = [(f.start, f.force.rate_Hz) for f in inspected if f.start and f.force]
+    if 2 * len(starts) <= len(inspected):
+        return
+    begins = sorted(s.rest_ends / rate for s, rate in starts if rate)
+    steady = sorted(s.steady_from / rate for s, rate in starts if rate)
+    last = len(begins) - 1
+    early = begins[math.ceil((1 - OF_RECORDS) * last)]
+    late = steady[math.floor(OF_RECORDS * last)]
+    tare = _two_digits(early * (1 - MARGIN), up=False)
+    settle = _two_digits(late - tare + MARGIN * early, up=True)
+    span = f"{begins[0]:.3g}" if begins[0] == begins[-1] else f"{begins[0]:.3g} to {begins[-1]:.3g}"
+    records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
+    _set(table, "tare", f"{tare:g} s", f"rotors at rest: they start at {span} s ({records})")
+    words = f"left out after the tare: the lift is steady from {late:.3g} s on"
+    _set(table, "settle", f"{settle:g} s", words)
+
+
+def _two_digits(value: float, *, up: bool) -> float:
+    digits = 1 - math.floor(math.log10(value))
+    return float((math.ceil if up else math.floor)(value * 10**digits) / 10**digits)
 
 
 def _fill_records(table: Any, first: Inspection, files: str | None) -> None:
+    """Fill in reader, files, force, dialect and clock."""
     _set(table, "reader", first.reader)
     mark = "{trial}" if first.ramp is None else "{record}"
     alone = first.path.name if first.reader == "parquet" else f"{mark}{first.path.suffix}"
     table["files"] = alone if files is None else files
     _set(table, "force", *_force(first))
-    named = {"columns": list(first.columns)} if first.columns else {}
-    if dialect := {**first.dialect, **named}:
-        _set(table, "dialect", _inline(dialect), "the file has no names: FILL IN" if named else "")
+    if first.dialect:
+        remark = "the file has no names: FILL IN" if first.unnamed else ""
+        _set(table, "dialect", _inline(first.dialect), remark)
     clock = first.clock
     # a clock whose unit is doubtful, or with many rows to each stamp, is left out
     if clock is None or first.doubt or clock is first.force or rows_per_stamp(clock) > 1:
@@ -157,7 +143,7 @@ def _fill_records(table: Any, first: Inspection, files: str | None) -> None:
 
 
 def _force(first: Inspection) -> tuple[InlineTable, str]:
-    """[records] force, and what to say of it."""
+    """[records] force, and the remark on it."""
     force = first.force
     if force is None:
         names = ", ".join(c.name for c in first.contents.channels[:8])
@@ -175,7 +161,7 @@ def _force(first: Inspection) -> tuple[InlineTable, str]:
 
 
 def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
-    """[trials] of a schedule; what no column says is a constant to fill in."""
+    """[trials] of a schedule; columns that it lacks are constants to fill in."""
     doc = tomlkit.document()
     doc["trials"] = template()["trials"]
     table: Any = doc["trials"]

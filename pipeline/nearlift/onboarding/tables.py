@@ -1,14 +1,13 @@
-"""A table as a schedule: the columns that are those of trials.csv, with their units."""
+"""A table in a file as a schedule: its columns that are those of trials.csv, with their units."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
@@ -19,9 +18,6 @@ from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
 from nearlift.schedule import BY_NAME, MEANS, REQUIRED
 from nearlift.units import NUMBER
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Largest table that is taken for a schedule, bytes.
 MOST_BYTES = 4 << 20
@@ -45,170 +41,149 @@ class ProposedSchedule:
     ordered: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class InputTable:
-    """A text table: names, cells with decimal points, and the place and unit of each column of a
-    schedule.
+    """A text table whose `cells` are under a schedule's names where they are known.
+
+    `units` are those of the schedule's columns (empty: unknown), `written` their headings.
     """
 
-    names: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    meant: Mapping[str, tuple[int, str]]
+    cells: pd.DataFrame
+    units: Mapping[str, str]
+    written: Mapping[str, str]
 
     @property
     def lists_trials(self) -> bool:
         """Whether it may be a schedule: it has a distance and another setting, and no clock."""
-        other = {"trial", "boundary", "throttle", "lift"} & self.meant.keys()
-        clocked = any(map(headings.is_clock, self.names)) and "trial" not in self.meant
-        if "distance" not in self.meant or not other or clocked:
+        other = {"trial", "boundary", "throttle", "lift"} & self.units.keys()
+        clocked = any(map(headings.is_clock, {*self.cells, *self.written.values()}))
+        if "distance" not in self.units or not other or (clocked and "trial" not in self.units):
             return False
         # in a record one setting lasts for many samples
-        settings = zip(*(self.cells(n) for n in ("boundary", "distance", "throttle")), strict=True)
-        return len(self.rows) <= MOST_REPEATS * sum(1 for _ in itertools.groupby(settings))
+        settings = self.cells.reindex(columns=["boundary", "distance", "throttle"], fill_value="")
+        return len(settings) <= MOST_REPEATS * int((settings != settings.shift()).any(axis=1).sum())
 
     @property
     def means(self) -> bool:
         """Whether it may be a table of mean lifts: lifts by distance."""
-        return "lift" in self.meant and self.lists_trials
-
-    def cells(self, name: str) -> list[str]:
-        """The cells of one of the schedule's columns; blank where there is none."""
-        return [row[self.meant[name][0]] if name in self.meant else "" for row in self.rows]
+        return "lift" in self.units and self.lists_trials
 
     def ids(self, wanted: Collection[str]) -> list[str] | None:
-        """The trial of every row, from the column with all these ids or files' names; else None."""
-        for cells in zip(*self.rows, strict=True):
-            ids = [Path(cell).stem if Path(cell).suffix else cell for cell in cells]
-            for candidate in (list(cells), ids):
+        """Trial of every row, from the column with all these ids or files' names; else None."""
+        for _, cells in self.cells.items():
+            stems = cells.map(lambda cell: Path(cell).stem if Path(cell).suffix else cell)
+            for candidate in (cells, stems):
                 if set(wanted) <= set(candidate):
-                    return candidate
+                    return candidate.to_list()
         return None
 
     def row_ids(self) -> list[str]:
-        """The trial of every row, from the column of that name, else counted."""
-        cells = self.cells("trial")
-        if len(set(cells)) == len(cells) and all(cells):
-            return cells
-        return [str(i) for i in range(1, len(self.rows) + 1)]
-
-    def wanted(self, means: bool) -> list[str]:
-        """Further needs of a diagnosis, where the trials near some boundary are few."""
-        from nearlift.loop.admission import LEAST_TRIALS
-
-        sides = Counter(self.cells("boundary")).items()
-        fewest = min(n for side, n in sides if side != "none" or n == len(self.rows))
-        enough = LEAST_TRIALS + len(set(self.cells("throttle"))) + 1
-        if fewest >= enough or (means and "lift_sd" in self.meant):
-            return []
-        return [
-            f"trials.csv: lift_sd, if it is known: {fewest} rows without it give no diagnosis"
-            if means
-            else f"trials.csv: more trials, if there are any: {fewest} near a boundary give a"
-            f" coefficient, {enough} a diagnosis as well"
-        ]
+        """Trial of every row, from the column of that name, else counted."""
+        if "trial" in self.units and self.cells["trial"].is_unique and all(self.cells["trial"]):
+            return self.cells["trial"].to_list()
+        return [str(i) for i in range(1, len(self.cells) + 1)]
 
     def schedule(self, ids: list[str], means: bool, of_records: bool = False) -> ProposedSchedule:
-        """The table as a schedule; `means`: with mean lifts; `of_records`: a row is a record, whose
-        pieces bring their throttle.
-        """
-        import pandas as pd
+        """Schedule of this table.
 
+        Parameters
+        ----------
+        ids : list of str
+            Trial or record of every row.
+        means : bool
+            Whether its lifts are taken along.
+        of_records : bool
+            Whether a row is a record, whose pieces bring their throttle.
+        """
         left_out = {"trial", *(() if means else MEANS), *(("throttle",) if of_records else ())}
-        known = {p: name for name, (p, _) in self.meant.items() if name not in left_out}
-        further = {p: n for p, n in enumerate(self.names) if p not in known and n not in BY_NAME}
-        trials = pd.DataFrame(self.rows)[[*sorted(known), *further]].rename(columns=known | further)
+        # names of files stay, under their own heading
+        own = self.cells.rename(columns={"trial": self.written.get("trial", "trial")})
+        trials = own.drop(columns=left_out, errors="ignore")
         trials.insert(0, "record" if of_records else "trial", ids)
-        needed = [name for name in REQUIRED[1:] if not (of_records and name == "throttle")]
         return ProposedSchedule(
             trials=trials,
             units={
                 name: unit
-                for name, (_, unit) in self.meant.items()
+                for name, unit in self.units.items()
                 if name not in left_out and BY_NAME[name].kind == "quantity"
             },
-            lacking=tuple(name for name in needed if name not in self.meant),
-            ordered=not means or "start" in self.meant,
+            lacking=tuple(
+                name
+                for name in REQUIRED[1:]
+                if name not in self.units and not (of_records and name == "throttle")
+            ),
+            ordered=not means or "start" in self.units,
         )
 
 
 def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
-    """A file as such a table; None where it is none, or is too large for one."""
+    """Table in a file; None where it has none, or is too large for a schedule."""
     if path.stat().st_size > MOST_BYTES:
         return None
     try:
-        length = MOST_BYTES + 1
-        packed = is_packed(path)
-        content = guarded.run(content_of, path, length) if packed else content_of(path, length)
+        asked = path, MOST_BYTES + 1
+        content = guarded.run(content_of, *asked) if is_packed(path) else content_of(*asked)
         if len(content) > MOST_BYTES:
             return None
-        layout, cells = cells_of(content, str(path), dialect)
+        layout, rows = cells_of(content, str(path), dialect)
     except (InputRefused, Malformed):
         return None
-    point = layout.decimal == "."
-    rows = tuple(tuple(c if point else c.replace(",", ".") for c in row) for row in cells)
-    names = [
+    if not rows:
+        return None
+    columns = [
+        [c.replace(",", ".") if layout.decimal == "," else c for c in row]
+        for row in zip(*rows, strict=True)
+    ]
+    stated = [
         f"{name} ({unit})" if unit and not headings.named(name)[1] else name
         for name, unit in zip(layout.names, layout.units, strict=True)
     ]
-    return InputTable(names=layout.names, rows=rows, meant=columns_meant(names, rows))
+    meant = columns_meant(stated, columns)
+    places = {place: name for name, (place, _) in sorted(meant.items(), key=lambda x: x[1][0])}
+    places |= {p: n for p, n in enumerate(layout.names) if p not in places and n not in BY_NAME}
+    return InputTable(
+        cells=pd.DataFrame({name: columns[place] for place, name in places.items()}),
+        units={name: unit for name, (_, unit) in meant.items()},
+        written={name: layout.names[place] for name, (place, _) in meant.items()},
+    )
 
 
 def columns_meant(
-    names: Sequence[str], rows: Collection[tuple[str, ...]]
+    names: Sequence[str], columns: Sequence[Sequence[str]]
 ) -> dict[str, tuple[int, str]]:
-    """The place and unit of each of the schedule's columns: by its name, else by the table's shape
-    (the only length, the only force).
+    """Place and unit of each of the schedule's columns.
+
+    A column is known by its name, else by the table's shape: the only length, the only force.
     """
     meant: dict[str, tuple[int, str]] = {}
-    columns = list(zip(*rows, strict=True))
     for place, name in enumerate(names):
         known, unit = headings.schedule_column(name)
         if known == "start" and not NUMBER.fullmatch(columns[place][0]):
             # a time of day has no unit
             unit = "s"
-        if known and known not in meant:
-            meant[known] = (place, unit)
+        if known:
+            meant.setdefault(known, (place, unit))
     taken = {place for place, _ in meant.values()}
-    numeric = {
-        place: name
-        for place, name in enumerate(names)
-        if place not in taken and all(map(_is_number, columns[place]))
-    }
+    numeric = [p for p, c in enumerate(columns) if p not in taken and all(map(_is_number, c))]
     for known, usual in BY_UNIT.items():
-        fitting = [p for p, name in numeric.items() if headings.named(name)[1] in usual]
+        fitting = [p for p in numeric if headings.named(names[p])[1] in usual]
         if known not in meant and len(fitting) == 1:
-            meant[known] = fitting[0], headings.named(numeric.pop(fitting[0]))[1]
+            meant[known] = fitting[0], headings.named(names[fitting[0]])[1]
+            numeric.remove(fitting[0])
+    forces = {p: headings.force_unit(names[p]) for p in numeric}
+    forces = {p: unit for p, unit in forces.items() if unit in ("", *FORCE_UNITS)}
+    words = {p: headings.words(names[p]) for p in forces}
     if "lift" not in meant and {"distance", "throttle"} <= meant.keys():
-        _add_lift(meant, numeric)
-    scatter = [
-        place
-        for place, name in numeric.items()
-        if headings.words(name) & headings.SCATTER_WORDS
-        and headings.force_unit(name) in ("", *FORCE_UNITS)
-    ]
+        no_mean = headings.OTHER_STATISTICS | headings.SCATTER_WORDS
+        may = [p for p in forces if not words[p] & no_mean]
+        may = [p for p in may if forces[p] or words[p] & headings.LIFT_WORDS]
+        chosen = headings.likely_force([(names[p], forces[p]) for p in may])
+        if chosen is not None:
+            meant["lift"] = may[chosen], forces[may[chosen]]
+    scatter = [p for p in forces if words[p] & headings.SCATTER_WORDS]
     if "lift" in meant and "lift_sd" not in meant and len(scatter) == 1:
-        meant["lift_sd"] = scatter[0], headings.force_unit(numeric[scatter[0]])
+        meant["lift_sd"] = scatter[0], forces[scatter[0]]
     return meant
-
-
-def _add_lift(meant: dict[str, tuple[int, str]], numeric: Mapping[int, str]) -> None:
-    """Add the lift of a table of means: the one column in a unit of force, or called one, that is
-    no other statistic.
-    """
-    unit = {place: headings.force_unit(name) for place, name in numeric.items()}
-    said = {place: headings.words(name) for place, name in numeric.items()}
-    other = headings.OTHER_STATISTICS | headings.SCATTER_WORDS | headings.COMMAND_WORDS
-    forces = [
-        p
-        for p in numeric
-        if not said[p] & other
-        and (unit[p] in FORCE_UNITS or (not unit[p] and said[p] & headings.LIFT_WORDS))
-    ]
-    called_mean = [p for p in forces if said[p] & headings.MEAN_WORDS]
-    with_unit = [p for p in forces if unit[p]]
-    chosen = next((c[0] for c in (forces, called_mean, with_unit) if len(c) == 1), None)
-    if chosen is not None:
-        meant["lift"] = chosen, unit[chosen]
 
 
 def _is_number(cell: str) -> bool:
@@ -219,11 +194,13 @@ def _is_number(cell: str) -> bool:
 
 
 def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
-    """The refusal of a text with more than one table, below or next to each other; None of one."""
+    """Refusal of a text with more than one table, below or next to each other; None of one."""
     if path.stat().st_size > MOST_BYTES:
         return None
     lines = path.read_bytes().decode(str(dialect.get("encoding", "utf-8")), "replace").splitlines()
-    cells = [_cells(line) for line in lines]
+    # the cells of a line, by the separator that cuts it into most
+    cells = [max((line.split(sign) for sign in ";\t|,"), key=len) for line in lines]
+    # first and last row of each table
     tables: list[tuple[int, int]] = []
     for at in range(1, len(lines)):
         if not _is_row(cells[at]):
@@ -232,26 +209,22 @@ def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
             tables[-1] = tables[-1][0], at
         elif _is_header(cells[at - 1], len(cells[at])):
             tables.append((at, at))
-    whole = [(a, b) for a, b in tables if b > a]
-    if len(whole) > 1:
-        where = ", ".join(f"lines {a} to {b + 1}" for a, b in whole[:4])
-        return InputRefused(
-            str(path), f"holds {len(whole)} tables: {where}", "save each as a file of its own"
+    tables = [(first, last) for first, last in tables if last > first]
+    if not tables:
+        return None
+    first = tables[0][0]
+    heads = cells[first - 1]
+    aside = len({*heads} - {"", "-"}) < len(heads) - 1
+    if len(tables) == 1 and not aside:
+        return None
+    where = ", ".join(f"lines {a} to {b + 1}" for a, b in tables[:4])
+    what = f"holds {len(tables)} tables: {where}"
+    if len(tables) == 1:
+        what = (
+            f"has two tables side by side, from line {first} on: its columns' names repeat, or"
+            " leave gaps"
         )
-    heads = cells[whole[0][0] - 1] if whole else []
-    names = [c for c in heads if c not in ("", "-")]
-    if len(names) < len(heads) - 1 or len(set(names)) < len(names):
-        return InputRefused(
-            f"{path}, line {whole[0][0]}",
-            "has two tables side by side: its columns' names repeat, or leave gaps",
-            "save each as a file of its own",
-        )
-    return None
-
-
-def _cells(line: str) -> list[str]:
-    """The cells of a line, by the separator that cuts it into most."""
-    return max((line.split(sign) for sign in (";", "\t", "|", ",")), key=len)
+    return InputRefused(str(path), what, "save each as a file of its own")
 
 
 def _is_row(cells: Sequence[str]) -> bool:
