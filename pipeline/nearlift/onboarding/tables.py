@@ -97,8 +97,8 @@ class InputTable:
         """
         left_out = {"trial", *(() if means else MEANS), *(("throttle",) if of_records else ())}
         # names of files stay, under their own heading
-        own = self.cells.rename(columns={"trial": self.written.get("trial", "trial")})
-        trials = own.drop(columns=left_out, errors="ignore")
+        listed = self.cells.rename(columns={"trial": self.written.get("trial", "trial")})
+        trials = listed.drop(columns=left_out, errors="ignore")
         trials.insert(0, "record" if of_records else "trial", ids)
         return ProposedSchedule(
             trials=trials,
