@@ -189,7 +189,6 @@ def precision(stage, nuisance):
 def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_squares(
     stage, tried, wide
 ):
-    p = len(stage.theta)
     for e in tried.values():
         nuisance = e.form_discrepancy if wide else np.zeros((stage.data.n, 0))
         rest, slopes, mean, sd, *_ = linearised(stage, e.fitted)
@@ -197,15 +196,13 @@ def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_square
         covariance = np.linalg.inv(slopes.T @ m @ slopes + np.diag(prior))
         offset = np.where(prior > 0, e.fitted.vector - mean, 0.0)
         step = covariance @ (slopes.T @ m @ rest - prior * offset) if wide else np.zeros(len(mean))
-        value, u = coefficients.spread(stage, e.fitted, nuisance if wide else None)
+        u = np.sqrt(np.diag(covariance))
+        value, joint = coefficients.joint(stage, e.fitted, nuisance if wide else None)
         low, high = e.fitted.candidate.bounds
-        assert u == pytest.approx(np.sqrt(np.diag(covariance))[:p], rel=1e-5), e.name
-        assert value == pytest.approx(
-            np.clip(e.fitted.vector + step, low, high)[:p], abs=1e-4 * u[0]
-        ), e.name
-        assert coefficients.joint(stage, e.fitted, nuisance if wide else None) == pytest.approx(
-            covariance, rel=1e-4, abs=1e-9 * covariance.max()
-        )
+        assert np.sqrt(np.diag(joint)) == pytest.approx(u, rel=1e-5), e.name
+        expected = np.clip(e.fitted.vector + step, low, high)
+        assert (value - expected) / u == pytest.approx(0, abs=1e-4), e.name
+        assert joint == pytest.approx(covariance, rel=1e-4, abs=1e-9 * covariance.max())
 
 
 def test_an_effect_that_was_not_named_is_a_nuisance_of_its_physical_size(stage):
@@ -774,16 +771,13 @@ def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):
         (("a", "b"), [("a", "b", "c")], [("c",), ("c",)]),
     ],
 )
-def test_a_rival_stands_in_for_what_its_explanation_does_not_share(
-    best, others, expected, monkeypatch
-):
-    monkeypatch.setattr(findings, "_parameters", lambda *_: ())
-
+def test_a_rival_stands_in_for_what_its_explanation_does_not_share(best, others, expected):
     def explanation(names):
         effects = [SimpleNamespace(name=name, mechanism="") for name in names]
-        fitted = SimpleNamespace(candidate=SimpleNamespace(effects=effects))
-        return SimpleNamespace(effects=names, fitted=fitted)
+        candidate = SimpleNamespace(effects=effects, entries_of=lambda _: ())
+        return SimpleNamespace(effects=names, fitted=SimpleNamespace(candidate=candidate))
 
-    answer = SimpleNamespace(accepted=[explanation(names) for names in (best, *others)])
-    named = findings.named_effects(None, answer)
+    accepted = [explanation(names) for names in (best, *others)]
+    answer = SimpleNamespace(accepted=accepted, best=accepted[0].fitted)
+    named = findings.named_effects(answer, SimpleNamespace(parameters={}))
     assert [(e.name, e.rivals) for e in named] == list(zip(best, expected, strict=True))

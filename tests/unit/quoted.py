@@ -72,12 +72,33 @@ def diagnosis(boundaries: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
                 whole[key] = {**empty, **whole[key]}
             elif key in whole:
                 whole[key] = [{**empty, **part} for part in whole[key]]
+        if whole["effects"] and "accepted" not in whole:
+            whole["accepted"] = accepted(whole)
         whole["rounds"] = [
             {**r, "candidates": [{**EMPTY_CANDIDATE, **c} for c in r["candidates"]]}
             for r in whole["rounds"]
         ]
         blocks[boundary] = whole
     return {"schema": DIAGNOSIS.schema, "false_alarm_rate": 0.05, "boundaries": blocks}
+
+
+def accepted(block: Mapping[str, Any]) -> dict[str, Any]:
+    """The likeliest explanation of a block: its values, without correlation."""
+    known = {**block["coefficients"].get("after", {})}
+    for effect in block["effects"]:
+        known |= effect["parameters"]
+    u = {n: (e["hi90"] - e["lo90"]) / 2 / HALF_90 for n, e in known.items()}
+    parameters = {
+        n: {**{k: e[k] for k in ("value", "lo90", "hi90")}, "u": u[n]} for n, e in known.items()
+    }
+    return {
+        "effects": [e["name"] for e in block["effects"]],
+        "parameters": parameters,
+        "covariance": {
+            "names": [*known],
+            "values": [[u[a] ** 2 if a == b else 0.0 for b in known] for a in known],
+        },
+    }
 
 
 def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[str, Any]:

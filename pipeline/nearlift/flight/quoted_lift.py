@@ -1,9 +1,10 @@
 """Lift of each boundary as it is quoted, for flights, detection and exports.
 
 An identified effect of the vehicle, such as supply sag, is part of the model. One of the bench,
-such as a drift, is not; only the coefficient that it corrected is used. Draws have the ends of the
-intervals that are quoted and their correlation. What no interval bounds is drawn from its declared
-prior: it is not known, and does not fly as if it were.
+such as a drift, is not; only the coefficient that it corrected is used. Values and intervals are
+the most probable explanation's where effects are identified, else those quoted. Draws have the ends
+of these intervals and their correlation. What no interval bounds is drawn from its declared prior:
+it is not known, and does not fly as if it were.
 """
 
 from __future__ import annotations
@@ -67,20 +68,21 @@ class QuotedLifts:
         """The lift of one boundary, with so many draws."""
         quoted = self.results.boundaries[boundary]
         model = catalogue.model(quoted.base_model)
-        named = self.findings[boundary].effects if quoted.effects else ()
         intervals = {
             name: QuotedInterval(c.value, c.lo90, c.hi90, bounded=c.dof > 0)
             for name, c in quoted.coefficients.items()
         }
+        if accepted := self.findings[boundary].accepted if quoted.effects else None:
+            # means over rivals draw none of them
+            open_ended = {name for name, c in intervals.items() if not c.bounded}
+            intervals |= {
+                name: QuotedInterval(p.value, p.lo90, p.hi90, bounded=name not in open_ended)
+                for name, p in accepted.parameters.items()
+            }
         flying, left = [], []
-        for block in named:
-            effect = catalogue.effect(block.name)
+        for effect in map(catalogue.effect, quoted.effects):
             if effect.belongs_to == "vehicle":
                 flying.append(effect)
-                intervals |= {
-                    name: QuotedInterval(p.value, p.lo90, p.hi90)
-                    for name, p in block.parameters.items()
-                }
             else:
                 left.append(effect.name)
         parameters = (*model.parameters, *(p for e in flying for p in e.parameters))

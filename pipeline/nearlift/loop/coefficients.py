@@ -26,50 +26,34 @@ from nearlift.results.outlook import SilentEffect
 Pair = tuple[FloatArray, FloatArray]
 
 
+def joint(
+    problem: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Everything fitted, (P,), and its covariance (P, P), in the order of the candidate's slots.
+
+    `nuisance` (n, t) are columns of further unit-variance unknowns, such as the form or undetected
+    effects. They widen the covariance. The values move to their new optimum by one Gauss-Newton
+    step, within the bounds.
+    """
+    mean, sd = fitted.candidate.prior
+    weight2 = 1 / sd**2
+    j, r = fitted.jacobian, fitted.residual
+    if nuisance is None or not nuisance.shape[1]:
+        return fitted.vector, inverse(j.T @ j + np.diag(weight2))
+    u, s = left_singular(problem.space.project(nuisance.T).T)
+    j_solved = j - u @ ((s**2 / (1 + s**2))[:, None] * (u.T @ j))
+    covariance = inverse(j.T @ j_solved + np.diag(weight2))
+    step = covariance @ (j_solved.T @ r - weight2 * (fitted.vector - mean))
+    return np.clip(fitted.vector + step, *fitted.candidate.bounds), covariance
+
+
 def spread(
     problem: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Value and standard uncertainty of the base model's coefficients at a fit.
-
-    `nuisance` (n, t) are columns of further unit-variance unknowns, such as the form or undetected
-    effects. They widen the covariance. The coefficients move to their new optimum by one
-    Gauss-Newton step.
-    """
+    """Value and standard uncertainty of the base model's coefficients at a fit; as `joint`."""
+    value, covariance = joint(problem, fitted, nuisance)
     p = len(problem.theta)
-    mean, sd = fitted.candidate.prior
-    weight2 = np.where(np.isfinite(sd), 1 / sd**2, 0.0)
-    j, r = fitted.jacobian, fitted.residual
-    if nuisance is not None and nuisance.shape[1]:
-        white = problem.space.project(nuisance.T).T
-        u, s = left_singular(white)
-        shrink = s**2 / (1 + s**2)
-        j_solved = j - u @ (shrink[:, None] * (u.T @ j))
-        information = j.T @ j_solved + np.diag(weight2)
-        gradient = j_solved.T @ r - weight2 * np.where(weight2 > 0, fitted.vector - mean, 0.0)
-        step = np.linalg.lstsq(information, gradient, rcond=1e-12)[0]
-    else:
-        information = j.T @ j + np.diag(weight2)
-        step = np.zeros(len(fitted.vector))
-    covariance = inverse(information)
-    low, high = fitted.candidate.bounds
-    value = np.clip(fitted.vector + step, low, high)[:p]
-    return value, np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
-
-
-def joint(
-    problem: SearchProblem, fitted: Fitted, form_discrepancy: FloatArray | None = None
-) -> FloatArray:
-    """Covariance of everything fitted, coefficients first and the effects' parameters after them as
-    the candidate's slots say: (P, P).
-
-    `form_discrepancy` (n, t) are unit-variance columns of form uncertainty.
-    """
-    _, sd = fitted.candidate.prior
-    j = fitted.jacobian
-    if form_discrepancy is not None and form_discrepancy.shape[1]:
-        u, s = left_singular(problem.space.project(form_discrepancy.T).T)
-        j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
-    return inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
+    return value[:p], np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
 
 
 def inverse(information: FloatArray) -> FloatArray:
@@ -124,6 +108,8 @@ class Answers:
         The covariates of residual structure that is included as random effects.
     unnamed : (n, t)
         Columns of log lift of these random effects, with unknowns of unit variance.
+    covariance : (P, P)
+        Of everything that the best answer fits, its form uncertain.
     """
 
     names: tuple[str, ...]
@@ -135,6 +121,7 @@ class Answers:
     constrained: Pair
     carried: tuple[str, ...] = ()
     unnamed: FloatArray
+    covariance: FloatArray
 
     @property
     def value(self) -> FloatArray:
@@ -183,9 +170,12 @@ def answers(answer: Answer) -> Answers:
 
     def known_by(fitted: Fitted, form_discrepancy: FloatArray | None = None) -> Pair:
         if not problem.independent:
-            return spread(problem, fitted, form_discrepancy)
-        u = confirmation.standard_error(few_visits.without_each(problem, fitted))
-        return fitted.vector[:p], u[:p]
+            return joint(problem, fitted, form_discrepancy)
+        return fitted.vector, confirmation.jackknife(few_visits.without_each(problem, fitted))
+
+    def coefficients(known: Pair) -> Pair:
+        value, covariance = known
+        return value[:p], np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
 
     carried: tuple[str, ...] = ()
     unnamed = np.zeros((problem.data.n, 0))
@@ -196,9 +186,8 @@ def answers(answer: Answer) -> Answers:
     fits = [(e.name, e.fitted, e.form_discrepancy) for e in answer.accepted] or [
         ("", problem.base_fit, unnamed)
     ]
-    members = tuple(
-        (name, known_by(fitted, form_discrepancy)) for name, fitted, form_discrepancy in fits
-    )
+    known = [known_by(fitted, form_discrepancy) for _, fitted, form_discrepancy in fits]
+    members = tuple((name, coefficients(k)) for (name, _, _), k in zip(fits, known, strict=True))
     chosen = answer.accepted[0].effects if answer.accepted else ()
     unseen = np.hstack([fits[0][2], constrained_columns(problem, chosen)])
     exactly, constrained = spread(problem, best), spread(problem, best, unseen)
@@ -210,13 +199,14 @@ def answers(answer: Answer) -> Answers:
     return Answers(
         names=tuple(q.name for q in problem.base.parameters),
         dof=np.full(p, few_visits.freedom(problem)) if problem.independent else _freedom(problem),
-        before=known_by(problem.base_fit),
+        before=coefficients(known_by(problem.base_fit)),
         members=members,
         weights=weigh.relative(problem, answer.accepted) if answer.accepted else np.ones(1),
         conditional=members[0][1] if carried or problem.independent else exactly,
         constrained=constrained,
         carried=carried,
         unnamed=unnamed,
+        covariance=known[0][1],
     )
 
 

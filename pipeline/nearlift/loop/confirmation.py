@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.likelihood import budget
+from nearlift.likelihood import budget, student
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.search import Answer, run
@@ -209,22 +209,21 @@ def misfit(
     return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
 
 
-def standard_error(without: FloatArray) -> FloatArray:
-    """Jackknife standard uncertainty of each entry of the estimates `without` each visit (visits,
-    ...); infinite for a single visit.
+def jackknife(without: FloatArray) -> FloatArray:
+    """Covariance (P, P) of estimates from those `without` each visit, (visits, P); infinite for a
+    single visit.
     """
     blocks = len(without)
     if blocks < 2:
-        return np.full(without.shape[1:], np.inf)
-    squares = np.sum((without - without.mean(axis=0)) ** 2, axis=0)
-    return np.asarray(np.sqrt((blocks - 1) / blocks * squares))
+        return np.diag(np.full(without.shape[1], np.inf))
+    centred = without - without.mean(axis=0)
+    return np.asarray((blocks - 1) / blocks * centred.T @ centred)
 
 
 def _half90(without: FloatArray) -> float:
     """Half of a 90 % interval from the jackknife's values (visits,), with Student's t."""
-    from scipy.stats import t
-
-    return float(t.ppf(0.95, len(without) - 1) * standard_error(without))
+    variance = float(jackknife(without[:, None])[0, 0])
+    return student.quantile(0.95, len(without) - 1.0) * float(np.sqrt(variance))
 
 
 def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:

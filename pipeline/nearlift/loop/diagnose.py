@@ -37,7 +37,13 @@ from nearlift.loop.design_report import sensitivity
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
 from nearlift.loop.far_lift import far_lift
-from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
+from nearlift.loop.findings import (
+    accepted_explanation,
+    named_effects,
+    partial,
+    rounds,
+    structure_tests,
+)
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.result import result
@@ -131,12 +137,15 @@ def diagnose(
         )
     answers = coefficients.answers(answer)
     limits = absorption.unidentifiable_coefficients(problem, answer.best)
+    accepted = accepted_explanation(answer, answers)
+    effects_named = named_effects(answer, accepted)
     findings = BoundaryDiagnosis(
         base_model=problem.base.name,
         false_alarm_rate=problem.options.false_alarm_rate,
         verdict=answer.verdict,
-        effects=named_effects(problem, answer),
+        effects=effects_named,
         explanations=tuple(e.effects for e in answer.accepted) or None,
+        accepted=accepted,
         probabilities=answer.probabilities,
         partial=partial(problem, answer) if answer.verdict == "unexplained" else None,
         contradicted=answer.contradicted or None,
@@ -169,7 +178,7 @@ def diagnose(
             *separation.to_part_visits(limits),
         ),
     )
-    quoted = result(answer, answers, error)
+    quoted = result(answer, answers, effects_named, error)
     if confirm:
 
         def without(label: NDArray[Any]) -> Callable[[str], stability.Without | None]:

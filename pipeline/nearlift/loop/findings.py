@@ -9,11 +9,13 @@ import dataclasses
 import numpy as np
 
 from nearlift.likelihood import student
-from nearlift.loop import coefficients, confirmation, few_visits
+from nearlift.loop import few_visits
+from nearlift.loop.coefficients import Answers
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import (
+    AcceptedExplanation,
     LoopEstimate,
     LoopRound,
     NamedEffect,
@@ -21,6 +23,8 @@ from nearlift.results.diagnosis import (
     StructureTest,
     TriedCandidate,
 )
+from nearlift.results.estimate import Estimate
+from nearlift.results.fit import ParameterCovariance
 
 #: Share of the structure's excess chi2 from which an effect refused at a bound is reported.
 FAIR_SHARE = 0.1
@@ -41,13 +45,42 @@ def structure_tests(answer: Answer) -> tuple[StructureTest, ...]:
     )
 
 
-def named_effects(problem: SearchProblem, answer: Answer) -> tuple[NamedEffect, ...]:
-    """Effects of the best explanation, each with the rivals that could take its place."""
+def accepted_explanation(answer: Answer, answers: Answers) -> AcceptedExplanation | None:
+    """The best explanation by itself, as fitted; None where none is accepted.
+
+    Parameters that differ by session have an entry for each, as "name[0]".
+    """
     if not answer.accepted:
+        return None
+    fitted, p = answer.best, len(answers.names)
+    u = np.sqrt(np.maximum(np.diag(answers.covariance), 0.0))
+    problem = answer.problem
+    further = few_visits.freedom(problem) if problem.independent else np.inf
+    dof = np.concatenate([answers.dof, np.full(len(u) - p, further)])
+    parameters = {}
+    for slot in fitted.candidate.slots:
+        name, unit = slot.parameter.name, slot.parameter.unit
+        for i in range(slot.start, slot.stop):
+            key = name if slot.stop - slot.start == 1 else f"{name}[{i - slot.start}]"
+            half = student.quantile(0.95, float(dof[i])) * u[i]
+            v = float(fitted.vector[i])
+            parameters[key] = Estimate(value=v, lo90=v - half, hi90=v + half, u=u[i], unit=unit)
+    return AcceptedExplanation(
+        effects=answer.accepted[0].effects,
+        probability=answer.probability,
+        parameters=parameters,
+        covariance=ParameterCovariance.named(parameters, answers.covariance),
+    )
+
+
+def named_effects(answer: Answer, accepted: AcceptedExplanation | None) -> tuple[NamedEffect, ...]:
+    """Effects of the best explanation, each with the rivals that could take its place."""
+    if accepted is None:
         return ()
-    best = answer.accepted[0]
+    best, candidate = answer.accepted[0], answer.best.candidate
+    entries = [*accepted.parameters.items()]
     listed = []
-    for effect in best.fitted.candidate.effects:
+    for effect in candidate.effects:
         others_kept = set(best.effects) - {effect.name}
         rivals = []
         for other in answer.accepted[1:]:
@@ -60,38 +93,14 @@ def named_effects(problem: SearchProblem, answer: Answer) -> tuple[NamedEffect, 
             NamedEffect(
                 name=effect.name,
                 rivals=tuple(dict.fromkeys(rivals)),
-                parameters=_parameters(problem, best, effect.name),
+                parameters={
+                    name: LoopEstimate(value=e.value, lo90=e.lo90, hi90=e.hi90, unit=e.unit)
+                    for name, e in (entries[i] for i in candidate.entries_of(effect.name))
+                },
                 mechanism=effect.mechanism,
             )
         )
     return tuple(listed)
-
-
-def _parameters(
-    problem: SearchProblem, explanation: Explanation, effect: str
-) -> dict[str, LoopEstimate]:
-    """An effect's fitted parameters with 90 % intervals that allow for its uncertain form; one per
-    session where they differ by session.
-    """
-    fitted = explanation.fitted
-    if problem.independent:
-        u = confirmation.standard_error(few_visits.without_each(problem, fitted))
-        quantile = student.quantile(0.95, few_visits.freedom(problem))
-    else:
-        u = np.sqrt(
-            np.maximum(
-                np.diag(coefficients.joint(problem, fitted, explanation.form_discrepancy)), 0
-            )
-        )
-        quantile = student.NORMAL_90
-    result = {}
-    for slot in (s for s in fitted.candidate.slots if s.effect == effect):
-        name, unit = slot.parameter.name, slot.parameter.unit
-        for i in range(slot.start, slot.stop):
-            key = name if slot.stop - slot.start == 1 else f"{name}[{i - slot.start}]"
-            v, half = fitted.vector[i], quantile * u[i]
-            result[key] = LoopEstimate(value=v, lo90=v - half, hi90=v + half, unit=unit)
-    return result
 
 
 def partial(problem: SearchProblem, answer: Answer) -> tuple[PartialEffect, ...]:

@@ -15,11 +15,9 @@ from nearlift.likelihood import budget
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
 from nearlift.loop.candidate import Candidate
-from nearlift.loop.coefficients import Answers, Pair, joint
-from nearlift.loop.findings import named_effects
+from nearlift.loop.coefficients import Answers, Pair
 from nearlift.loop.search import Answer
-from nearlift.loop.search_problem import SearchProblem
-from nearlift.results.diagnosis import LoopError
+from nearlift.results.diagnosis import LoopError, NamedEffect
 from nearlift.results.quotation import (
     BoundaryResult,
     Correlation,
@@ -57,9 +55,11 @@ SIZES = {
 }
 
 
-def result(answer: Answer, answers: Answers, error: LoopError | None) -> BoundaryResult:
+def result(
+    answer: Answer, answers: Answers, effects: tuple[NamedEffect, ...], error: LoopError | None
+) -> BoundaryResult:
     """The boundary's part of results.json; `answers` holds the coefficients under every answer,
-    `error` the cross-validated error.
+    `effects` the identified effects, `error` the cross-validated error.
     """
     problem, estimator = answer.problem, _estimator(answer, answers)
     named = answer.accepted[0].effects if answer.accepted else ()
@@ -85,19 +85,12 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
     if problem.independent:
         # by refits: what the fit varies by, and the visit whose omission moves it most
         vectors = few_visits.without_each(problem, answer.best)
-        centred = vectors - vectors.mean(axis=0)
-        covariance = centred.T @ centred
         visits = problem.data.visit
         for i, (name, quoted) in enumerate(coefficients.items()):
             moved = vectors[:, i] - answer.best.vector[i]
             most = largest(np.unique(visits), moved, visits, problem.as_recorded.z_hat)
             influence = dataclasses.replace(quoted.influence, visit=most)
             coefficients[name] = dataclasses.replace(quoted, influence=influence)
-    else:
-        form_discrepancy = (
-            answer.accepted[0].form_discrepancy if answer.accepted else answers.unnamed
-        )
-        covariance = joint(problem, answer.best, form_discrepancy)
     return BoundaryResult(
         verdict=answer.verdict,
         base_model=problem.base.name,
@@ -112,18 +105,18 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
         )
         if error is not None
         else None,
-        sizes=sizes(problem, answer),
-        correlation=_correlation(answer.best.candidate, covariance),
+        sizes=sizes(answer, effects),
+        correlation=_correlation(answer.best.candidate, answers.covariance),
     )
 
 
-def sizes(problem: SearchProblem, answer: Answer) -> tuple[IdentifiedSize, ...]:
+def sizes(answer: Answer, effects: tuple[NamedEffect, ...]) -> tuple[IdentifiedSize, ...]:
     """Sizes of the identified effects, without the parameters of their form."""
-    if not answer.accepted:
+    if not effects:
         return ()
-    fitted, listed = answer.accepted[0].fitted, []
+    fitted, listed = answer.best, []
     forms = {s.parameter.name for s in fitted.candidate.slots if s.parameter.grid}
-    for effect, named in zip(fitted.candidate.effects, named_effects(problem, answer), strict=True):
+    for effect, named in zip(fitted.candidate.effects, effects, strict=True):
         lift = np.exp(fitted.candidate.contribution(fitted.vector, effect))
         percent = 100 * float(lift.max() - lift.min())
         for name, e in named.parameters.items():

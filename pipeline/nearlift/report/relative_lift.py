@@ -9,7 +9,6 @@ deviates from the curve by what that model leaves.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -45,8 +44,6 @@ class RelativeLift:
     u_L_inf : float
         The largest standard uncertainty of a throttle's L_inf, as a fraction of it, from the same
         scatter.
-    covariance : ParameterCovariance or None
-        Of the drawn model's parameters, from the same scatter.
     """
 
     throttle: FloatArray
@@ -54,7 +51,6 @@ class RelativeLift:
     delta_L: FloatArray
     u: FloatArray
     u_L_inf: float
-    covariance: ParameterCovariance | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,12 +65,15 @@ class QuotedModel:
         Everything that it takes besides distance.
     in_curve, in_points : tuple of str
         Effects that the curve has, and those that the points are corrected for.
+    covariance : ParameterCovariance or None
+        Of the model's parameters by the most probable explanation, where it has effects.
     """
 
     model: LiftModel
     values: Mapping[str, Any]
     in_curve: tuple[str, ...]
     in_points: tuple[str, ...]
+    covariance: ParameterCovariance | None = None
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -92,70 +91,32 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     base, fit = evidence.base(boundary)
     quoted, data = evidence.quoted(boundary), evidence.observations[boundary]
     diagnosed = evidence.diagnosed(boundary)
-    sized = {e.name: e.parameters for e in diagnosed.effects} if diagnosed else {}
-    taken = quoted.effects if by_fit(evidence) and evidence.has(LOOP_RESIDUALS) else ()
+    accepted = diagnosed.accepted if diagnosed else None
+    if not by_fit(evidence) or not evidence.has(LOOP_RESIDUALS):
+        accepted = None
     known = {"radius_m": data.radius_m} | evidence.known(boundary, base)
     of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
     model = base
     in_curve: list[str] = []
-    sizes: dict[str, float] = {}
-    for name in taken:
-        effect, parameters = catalogue.effect(name), sized.get(name, {})
+    for name in accepted.effects if accepted else ():
+        effect = catalogue.effect(name)
         drawable = effect.acts_on != "force" and {*effect.needs} <= of_distance
-        if drawable and all(p.name in parameters for p in effect.parameters):
+        if drawable and all(p.per != "session" for p in effect.parameters):
             model = compose(model, effect)
             in_curve.append(name)
-            sizes |= {p: e.value for p, e in parameters.items()}
-    coefficients = {n: c.value for n, c in quoted.coefficients.items()}
-    values = {**evidence.campaign.geometry(), **known, **fit.values, **coefficients, **sizes}
-    asked = {*model.needs, *(p.name for p in model.parameters)}
-    drawn = QuotedModel(
+    # quoted values are means over rival explanations, and together may draw none of them
+    estimates = accepted.parameters if accepted else quoted.coefficients
+    best = {n: e.value for n, e in estimates.items()}
+    values = {**evidence.campaign.geometry(), **known, **fit.values, **best}
+    free = [p.name for p in model.parameters]
+    asked = {*model.needs, *free}
+    return QuotedModel(
         model=model,
         values={n: v for n, v in values.items() if n in asked},
         in_curve=tuple(in_curve),
-        in_points=tuple(n for n in taken if n not in in_curve),
+        in_points=tuple(n for n in accepted.effects if n not in in_curve) if accepted else (),
+        covariance=accepted.covariance.among(free) if accepted else None,
     )
-    if drawn.in_points or not drawn.in_curve or not (diagnosed and diagnosed.L_inf_N):
-        return drawn
-    return dataclasses.replace(drawn, values=_of_one_explanation(evidence, boundary, drawn))
-
-
-def _of_one_explanation(
-    evidence: Evidence, boundary: Boundary, drawn: QuotedModel
-) -> Mapping[str, Any]:
-    """Values that draw the accepted model: the quoted ones are means over rival explanations, and
-    together they may draw none of them.
-    """
-    from scipy.optimize import least_squares
-
-    z_hat, log_ratio, after = _measured(evidence, boundary)
-    stations, index = np.unique(z_hat, return_inverse=True)
-    target = np.bincount(index, log_ratio - after) / np.bincount(index)
-    free = drawn.model.parameters
-    start = np.array([drawn.values[p.name] for p in free])
-    low, high = np.transpose([p.bounds for p in free])
-
-    def left(theta: FloatArray) -> FloatArray:
-        values = {**drawn.values, **{p.name: x for p, x in zip(free, theta, strict=True)}}
-        return np.log(curves.ratio(drawn.model, stations, values)) - target
-
-    solution = least_squares(left, np.clip(start, low, high), bounds=(low, high), x_scale="jac")
-    return {**drawn.values, **{p.name: float(x) for p, x in zip(free, solution.x, strict=True)}}
-
-
-def _measured(evidence: Evidence, boundary: Boundary) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distance z_hat, log lift over the accepted model's L_inf, and residual of each trial near the
-    boundary that was diagnosed.
-    """
-    data, diagnosed = _near(evidence, boundary), evidence.diagnosed(boundary)
-    assert diagnosed is not None
-    levels = np.array([*diagnosed.L_inf_N])
-    lift_inf = np.array([e.value for e in diagnosed.L_inf_N.values()])
-    of_trial = np.abs(data.levels[data.level][:, None] - levels).argmin(axis=1)
-    after = _residual_after(evidence, boundary, data)
-    keep = np.isfinite(after)
-    log_ratio = np.log(data.lift_N / lift_inf[of_trial])
-    return data.z_hat[keep], log_ratio[keep], after[keep]
 
 
 def _near(evidence: Evidence, boundary: Boundary) -> Observations:
@@ -186,7 +147,7 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     without the effects that the cells are corrected for.
 
     Its 90 % band is that of the quoted coefficients. Where it has an effect, these allow for rivals
-    that draw other curves; the band is then that of the cells' scatter.
+    that draw other curves; the band is then the most probable explanation's.
     """
     drawn = quoted_model(evidence, boundary)
     if _is_base(evidence, boundary, drawn):
@@ -198,16 +159,14 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     quoted = evidence.quoted(boundary)
     free = [n for n in quoted.correlation.parameters if n in quoted.coefficients]
     spread = np.full_like(middle, np.nan)
-    if len(free) == 1 and not drawn.in_curve:
+    if len(free) == 1 and not drawn.effects:
         # one coefficient moves the whole curve: the band is its interval, however uneven
         c = quoted.coefficients[free[0]]
         ends = ({**drawn.values, free[0]: x} for x in (c.lo90, c.hi90))
         one, other = (curves.ratio(drawn.model, z_hat, values) - 1 for values in ends)
         low, high = np.minimum(one, other), np.maximum(one, other)
         return curves.Curve(middle=middle, low=low, high=high, least_squares=plain)
-    covariance = _quoted_covariance(quoted, free)
-    if drawn.in_curve:
-        covariance = _over_fitted(evidence, boundary, drawn).covariance
+    covariance = drawn.covariance or _quoted_covariance(quoted, free)
     if covariance is not None:
         values = drawn.values
         spread = curves.uncertainty(drawn.model, z_hat, values, values, covariance)
@@ -276,27 +235,24 @@ def _over_fitted(evidence: Evidence, boundary: Boundary, drawn: QuotedModel) -> 
     shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
     variance = np.bincount(index, of_trial) / n**2 + shared
     ratio = np.exp(np.bincount(index, log_ratio) / n)
-    u_L_inf, covariance = _least_squares(drawn, cell[0], cell[1], variance)
     return RelativeLift(
         throttle=cell[0],
         z_hat=cell[1],
         delta_L=ratio - 1,
         u=ratio * np.sqrt(variance),
-        u_L_inf=u_L_inf,
-        covariance=covariance,
+        u_L_inf=_u_L_inf(drawn, cell[0], cell[1], variance),
     )
 
 
-def _least_squares(
+def _u_L_inf(
     drawn: QuotedModel, throttle: FloatArray, z_hat: FloatArray, variance: FloatArray
-) -> tuple[float, ParameterCovariance | None]:
-    """Least squares over the cells for every throttle's log L_inf and the coefficients: the largest
-    uncertainty of the former, the covariance of the latter.
+) -> float:
+    """Largest standard uncertainty of a throttle's log L_inf, by least squares over the cells for
+    these and the coefficients.
     """
     levels, level = np.unique(throttle, return_inverse=True)
     columns = [level == i for i in range(len(levels))]
-    names = [p.name for p in drawn.model.parameters]
-    for name in names:
+    for name in (p.name for p in drawn.model.parameters):
         value = drawn.values[name]
         # an offset is a few millimetres, in metres
         step = STEP * max(abs(value), STEP)
@@ -309,7 +265,5 @@ def _least_squares(
     scale = np.sqrt((weighted**2).sum(axis=0))
     scale[scale == 0] = 1.0
     inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale))
-    covariance = inverse / np.outer(scale, scale)
-    n = len(levels)
-    of_levels = float(np.sqrt(np.diagonal(covariance)[:n]).max(initial=0.0))
-    return of_levels, ParameterCovariance.named(names, covariance[n:, n:]) if names else None
+    u = np.sqrt(np.diagonal(inverse)) / scale
+    return float(u[: len(levels)].max(initial=0.0))

@@ -10,7 +10,8 @@ from pydantic import Field
 
 from nearlift.declare import Boundary
 from nearlift.results.document import Below, IfAny, Json, NumberKey, Real, as_json
-from nearlift.results.estimate import Interval, Noise, ValueWithU
+from nearlift.results.estimate import Estimate, Interval, Noise, ValueWithU
+from nearlift.results.fit import ParameterCovariance
 from nearlift.results.outlook import (
     NextExperiment,
     NextSession,
@@ -73,6 +74,29 @@ class ExplanationProbability:
     nameless: IfAny[str] = None
     other: IfAny[int] = None
     probability: Real
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcceptedExplanation:
+    """The most probable explanation by itself: values that belong together and draw one curve.
+
+    The quoted coefficients are means over rival explanations; together they may draw none of them.
+
+    Attributes
+    ----------
+    probability : float or None
+        That the residuals have this explanation; None where visits left out decided.
+    parameters : mapping of str to Estimate
+        Coefficients of the base model and parameters of the effects, at their joint optimum.
+        Intervals include the uncertain form, and exclude the choice between rivals.
+    covariance : ParameterCovariance
+        Of all parameters, in the order of `parameters`.
+    """
+
+    effects: tuple[str, ...]
+    probability: IfAny[float] = None
+    parameters: Mapping[str, Estimate]
+    covariance: ParameterCovariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,6 +240,8 @@ class BoundaryDiagnosis:
         Empty unless the verdict is ``effect``.
     explanations : tuple of tuple of str
         Rival explanations, the best first.
+    accepted : AcceptedExplanation or None
+        The most probable explanation; None unless the verdict is ``effect``.
     probabilities : tuple of ExplanationProbability
         Of everything that was weighed; they sum to 1.
     partial : tuple of PartialEffect
@@ -242,6 +268,7 @@ class BoundaryDiagnosis:
     verdict: Verdict
     effects: tuple[NamedEffect, ...]
     explanations: IfAny[tuple[tuple[str, ...], ...]] = None
+    accepted: IfAny[AcceptedExplanation] = None
     probabilities: IfAny[tuple[ExplanationProbability, ...]] = ()
     partial: IfAny[tuple[PartialEffect, ...]] = None
     contradicted: IfAny[tuple[str, ...]] = None

@@ -39,6 +39,13 @@ class ParameterCovariance:
         """From an array."""
         return cls(names=tuple(names), values=tuple(tuple(row) for row in values.tolist()))
 
+    def among(self, names: Iterable[str]) -> ParameterCovariance:
+        """Covariance of some of the parameters."""
+        kept = tuple(names)
+        at = [self.names.index(n) for n in kept]
+        values = tuple(tuple(self.values[i][j] for j in at) for i in at)
+        return ParameterCovariance(names=kept, values=values)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Degeneracy:
