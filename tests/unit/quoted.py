@@ -87,7 +87,7 @@ def accepted(block: Mapping[str, Any]) -> dict[str, Any]:
     known = {**block["coefficients"].get("after", {})}
     for effect in block["effects"]:
         known |= effect["parameters"]
-    u = {n: (e["hi90"] - e["lo90"]) / 2 / HALF_90 for n, e in known.items()}
+    u = {n: _half(e) for n, e in known.items()}
     parameters = {
         n: {**{k: e[k] for k in ("value", "lo90", "hi90")}, "u": u[n]} for n, e in known.items()
     }
@@ -96,9 +96,14 @@ def accepted(block: Mapping[str, Any]) -> dict[str, Any]:
         "parameters": parameters,
         "covariance": {
             "names": [*known],
-            "values": [[u[a] ** 2 if a == b else 0.0 for b in known] for a in known],
+            "values": [[(u[a] or 0) ** 2 if a == b else 0.0 for b in known] for a in known],
         },
     }
+
+
+def _half(e: Mapping[str, Any]) -> float | None:
+    """Standard uncertainty; None without an end."""
+    return None if e["hi90"] is None else (e["hi90"] - e["lo90"]) / 2 / HALF_90
 
 
 def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[str, Any]:
