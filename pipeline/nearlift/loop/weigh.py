@@ -169,7 +169,8 @@ def membership_margin(log_weight: FloatArray, i: int) -> float:
     # least weight in each place of the order that leaves less than the set's share before it
     needed = np.maximum(before / SET_PROBABILITY - before[-1], np.r_[others, 0.0])
     enters = needed[needed <= np.r_[np.inf, others]].min()
-    return TEMPERATURE * float(np.log(weight[i] / enters))
+    # in logarithms: a weight may underflow
+    return TEMPERATURE * float(log_weight[i] - log_weight.max() - np.log(enters))
 
 
 def weigh(
