@@ -36,11 +36,10 @@ def ingest(data: Path, which: int) -> None:
 
 def stage(folder: Path, name: str) -> None:
     """One stage of a campaign, its products beside it."""
-    from nearlift.run.engine import stage_of
-    from nearlift.run.workers import open_campaign
+    from nearlift.run.engine import open_job, stage_of
     from nearlift.stages import STAGES
 
-    with open_campaign(folder, folder.parent, STAGES, "serial", 0) as job:
+    with open_job(folder, folder.parent, STAGES, "serial", 0) as job:
         stage_of(STAGES, name).run(job)
 
 

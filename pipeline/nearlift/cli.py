@@ -35,7 +35,7 @@ from nearlift.version import __version__  # noqa: E402
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from nearlift.run.engine import Option, Stage
+    from nearlift.run.engine import Stage
 
 #: Headings of the list of commands, in its order.
 HEADINGS = ("Begin", "Run", "Single stages, in the order of a run", "Afterwards", "Look up")
@@ -138,10 +138,10 @@ def _repeat_interrupt(lost: sys.UnraisableHookArgs) -> None:
 def _proposal(word: str) -> str:
     """Proposal for an unknown command: an option of a stage of this name, or a similar name."""
     for stage in STAGES:
-        asked = stage.question.options if stage.question else ()
-        if option := next((o for o in (*stage.options, *asked) if o.name == word), None):
-            value = option.metavar or option.name.upper()
-            return f"try 'nearlift {stage.name} CAMPAIGN {option.flag} {value}'"
+        for option in (*stage.options, *stage.question):
+            if option.name == word:
+                value = option.metavar or word.upper()
+                return f"try 'nearlift {stage.name} CAMPAIGN {option.opts[0]} {value}'"
     return did_you_mean(word, list(main.commands))
 
 
@@ -480,15 +480,14 @@ def _planned(call: Call, campaign: Path) -> tuple[dict[str, Any], str]:
 
 def _check(call: Call, campaigns: tuple[Path, ...]) -> None:
     """List files that differ from provenance.json; exit with 4 if any does."""
-    from nearlift.campaign import manifest as manifests
     from nearlift.run.engine import differences
 
     answers, any_differs = [], False
     for campaign in campaigns:
-        given = manifests.load(campaign)
-        checked, differing = differences(campaign, call.out, given, STAGES)
+        with call.job(campaign, fresh=True) as job:
+            checked, differing = differences(job)
         same = f"{checked - len(differing)} of {checked} files are what they were"
-        content = {"campaign": given.name, "checked": checked, "differing": differing}
+        content = {"campaign": job.campaign.name, "checked": checked, "differing": differing}
         answers.append((content, "\n".join([*differing, same])))
         any_differs |= bool(differing)
     call.answers("campaigns", answers)
@@ -575,7 +574,7 @@ def next_visits(
     asked = VisitQuestion.parsed(question, until, rounds)
     if as_csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
-    with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
+    with call.job(campaign) as job, call.busy(f"nearlift: {job.campaign.name}"):
         batches, elsewhere = forecasts.next_visits(job, asked, count)
         rows = forecasts.next_rows(job, batches) if as_csv else ""
     boundaries = {b.boundary: as_json(b) | {"text": visits.lines(b)} for b in batches}
@@ -626,7 +625,7 @@ def _explain(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
     from nearlift.stages import forecasts
 
     name = str(given["explain"])
-    with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {name}"):
+    with call.job(campaign) as job, call.busy(f"nearlift: {name}"):
         explanation = forecasts.explain(job, name)
     call.answer(as_json(explanation), text(explanation))
 
@@ -658,11 +657,10 @@ QUESTIONS = {"diagnose": _explain, "detect": _read_distance}
 
 def add_stage(group: click.Group, stage: Stage) -> None:
     """Add the command that runs this stage, stale or not, or answers its question."""
-    asked = stage.question.options if stage.question else ()
 
     def run_stage(call: Call, campaign: Path, **given: Any) -> None:
         known = {name: value for name, value in given.items() if value is not None}
-        if known.keys() & {option.name for option in asked}:
+        if any(option.name in known for option in stage.question):
             QUESTIONS[stage.name](call, campaign, known)
         else:
             terminal.execute(call, campaign, stage.name, overrides=known)
@@ -675,24 +673,10 @@ def add_stage(group: click.Group, stage: Stage) -> None:
     )
     summary = stage.summary[0].upper() + stage.summary[1:]
     run_stage.__doc__ = f"{summary}.\n\n{' '.join(filter(None, text))}"
-    for option in reversed((*stage.options, *asked)):
-        run_stage = _click_option(option)(run_stage)
-    question = f"\n{stage.name} raw/my-rig {stage.question.example}" if stage.question else ""
+    question = f"\n{stage.name} raw/my-rig {stage.example}" if stage.example else ""
     example = f"{stage.name} raw/my-rig{question}"
-    terminal.command(group, SINGLE, example, COMPUTES, name=stage.name)(CAMPAIGN(run_stage))
-
-
-def _click_option(option: Option) -> Any:
-    kind: Any = (
-        click.Choice(option.choices)
-        if option.choices
-        else click.IntRange(*option.limits)
-        if option.limits
-        else float
-        if option.real
-        else None
-    )
-    return click.option(option.flag, type=kind, metavar=option.metavar, help=option.help)
+    options = (*stage.options, *stage.question)
+    terminal.command(group, SINGLE, example, COMPUTES, stage.name, options)(CAMPAIGN(run_stage))
 
 
 for _stage in STAGES:

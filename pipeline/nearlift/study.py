@@ -134,7 +134,7 @@ class Study:
 
     def plan(self) -> dict[str, str]:
         """Reason why each stage is stale, empty if it is up to date; runs nothing."""
-        with self._open("serial", keep=False) as job:
+        with self._open("serial") as job:
             return {stage.name: why for stage, why in engine.plan(job)}
 
     def plot(self, name: str = "fig2") -> Figure:
@@ -162,7 +162,7 @@ class Study:
             )
         makers = [stage.name for stage in STAGES if set(stage.writes) & set(spec.needs)]
         self._steps(makers[-1])
-        with self._open("serial", keep=False) as job:
+        with self._open("serial") as job:
             evidence = gather(job)
         rows = spec.table(evidence)
         if rows.empty:
@@ -200,12 +200,8 @@ class Study:
     def _load(self, kind: type[tables.Loaded]) -> tables.Loaded:
         return tables.load(self.processed / kind.file, kind)
 
-    def _open(
-        self, executor: str, keep: bool = True
-    ) -> contextlib.AbstractContextManager[engine.Job]:
-        from nearlift.run.workers import open_campaign
-
-        return open_campaign(self.root, self.out, STAGES, executor, self.seed, keep=keep)
+    def _open(self, executor: str) -> contextlib.AbstractContextManager[engine.Job]:
+        return engine.open_job(self.root, self.out, STAGES, executor, self.seed)
 
     def _steps(self, last: str) -> list[engine.Step]:
         """Run what is stale up to and including the stage `last`."""

@@ -152,19 +152,19 @@ class Call:
         self.answer(contents[0] if len(each) == 1 else {kind: contents}, "\n\n".join(texts))
 
     def job(
-        self, campaign: Path, executor: str = "serial", keep: bool = False, planned: bool = False
+        self, campaign: Path, executor: str = "serial", fresh: bool = False, planned: bool = False
     ) -> contextlib.AbstractContextManager[Job]:
-        """Open a campaign. `keep` caches the digests of its inputs; `planned`: no records yet."""
-        from nearlift.run.workers import open_campaign
+        """Open a campaign; see `run.engine.open_job`."""
+        from nearlift.run.engine import open_job
 
-        return open_campaign(
+        return open_job(
             campaign,
             self.out,
             STAGES,
             executor,
             self.seed,
             say=self.progress,
-            keep=keep,
+            fresh=fresh,
             planned=planned,
         )
 
@@ -175,6 +175,7 @@ def command(
     example: str,
     settings: tuple[str, ...] = (),
     name: str | None = None,
+    more: tuple[click.Option, ...] = (),
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     r"""Make a function a command with the contract's exit codes.
 
@@ -193,6 +194,8 @@ def command(
         Keys of `SETTINGS` that do something in this command.
     name : str, optional
         Name, unless it is the function's.
+    more : tuple of click.Option
+        Options that the function gets as well.
     """
     options = [*(SETTINGS[key] for key in settings), *EVERYWHERE]
     calls = "\n".join(("For example:", *(f"  nearlift {line}" for line in example.splitlines())))
@@ -224,7 +227,7 @@ def command(
                 end(call, failed, failed.exit_code, f"error: {failed}")
 
         registered = group.command(name or function.__name__, epilog=f"\b\n{calls}")(guarded)
-        registered.params.extend(options)
+        registered.params.extend((*more, *options))
         registered.heading = heading  # type: ignore[attr-defined]
         return function
 
@@ -272,7 +275,7 @@ def execute(
         execute_many(call, (campaign,), only, overrides)
     wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)
     steps: list[Step] = []
-    with call.job(campaign, call.executor, keep=True) as job:
+    with call.job(campaign, call.executor) as job:
         before = _text(job.reports / "summary.txt")
         if only is not None and overrides:
             job = job.overriding(only, overrides)
@@ -345,7 +348,7 @@ def execute_many(
     overrides: Mapping[str, object] | None = None,
 ) -> NoReturn:
     """Run several campaigns, going on after a refusal; exit with the most serious code."""
-    from nearlift.run.workers import most_serious, run_campaigns
+    from nearlift.run.campaigns import most_serious, run_campaigns
     from nearlift.stages import looks
 
     ends = []

@@ -317,13 +317,13 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     whole = first.read_bytes()
     first.write_bytes(whole[:-1] + b" ")
     assert (
-        "[piv] ground-4 (8 files): are not what they were"
+        "[piv] ground-4 (8 files): is not what it was"
         in small_run.nearlift("run", "--check", raw, "--out", tmp_path).stdout
     )
     first.write_bytes(whole)
     last.rename(tmp_path / last.name)
     assert (
-        "[piv] ground-4 (8 files): are other files by now"
+        "[piv] ground-4 (8 files): is missing"
         in small_run.nearlift("run", "--check", raw, "--out", tmp_path).stdout
     )
     (tmp_path / last.name).rename(last)

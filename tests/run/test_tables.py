@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import random
 
@@ -12,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from nearlift.errors import ProductError
+from nearlift.results.provenance import ProvenanceLedger, StageRecord
 from nearlift.run import tables
 from nearlift.run.tables import Product, integer, real, text
 from nearlift.stages.ingest import TRIALS
@@ -41,8 +41,9 @@ def table(n=200):
 def ledger(folder, **digests):
     """A provenance.json that states these digests."""
     outputs = {f"processed/{name.replace('_', '.')}": sha for name, sha in digests.items()}
-    content = {"stages": {"reduce": {"outputs": outputs}}}
-    (folder / tables.LEDGER).write_text(json.dumps(content))
+    record = StageRecord(material={}, outputs=outputs, rejected=(), notes=(), wall_s=0.0)
+    content = tables.json_bytes(ProvenanceLedger(stages={"reduce": record}))
+    (folder / tables.LEDGER).write_bytes(content)
 
 
 def test_a_table_is_read_back_with_units_and_meanings(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import os
@@ -239,12 +240,14 @@ def test_a_schedule_that_grows_is_told_to_say_how_long_it_will_be(tmp_path, monk
     stamps = iter(range(9))
     monkeypatch.setattr(manifests, "load", lambda root: SimpleNamespace(name="grows"))
     monkeypatch.setattr(watching, "_stamps", lambda root: next(stamps))
+    step = engine.Step(stage=STAGES[0], why="asked for", outcome=engine.Outcome())
+    monkeypatch.setattr(engine, "open_job", lambda *_, **__: contextlib.nullcontext())
+    monkeypatch.setattr(engine, "run", lambda job: [step])
     for planned in (False, True):
-        rounds = iter(
-            Round(ran=("fit",), scheduled=n, planned=planned, words="so far") for n in (80, 80, 96)
+        rounds = iter(Round(scheduled=n, planned=planned, words="so far") for n in (80, 80, 96))
+        seen = watch(
+            tmp_path, tmp_path, (), "serial", 0, lambda *_, rounds=rounds: next(rounds), 0.0
         )
-        monkeypatch.setattr(watching, "_round", lambda *_, rounds=rounds: (next(rounds), False))
-        seen = watch(tmp_path, tmp_path, (), "serial", 0, looks.look, 0.0)
         words = [next(seen).words for _ in range(3)]
         assert words[:2] == ["so far", "so far"]
         assert words[2] == ("so far" if planned else f"so far; {watching.GROWS}")

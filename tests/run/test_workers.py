@@ -17,8 +17,9 @@ from tests.unit import small_run
 
 from nearlift import blas, isolation
 from nearlift.errors import InputRefused, UsageError
-from nearlift.run import engine, workers
-from nearlift.run.workers import SerialExecutor, open_executor, ordered, run_campaigns
+from nearlift.run import campaigns, engine
+from nearlift.run.campaigns import run_campaigns
+from nearlift.run.workers import SerialExecutor, open_executor, ordered
 from nearlift.stages import STAGES
 
 FIRST = STAGES[:1]
@@ -132,7 +133,7 @@ def test_a_worker_that_dies_ends_the_stage_with_a_message(tmp_path):
 # ---- several campaigns
 
 
-def campaigns(tmp_path, count=2):
+def two_campaigns(tmp_path, count=2):
     roots = []
     for i in range(count):
         root = small_run.write(tmp_path / f"raw{i}", visits=1)
@@ -144,7 +145,7 @@ def campaigns(tmp_path, count=2):
 
 @pytest.mark.parametrize("executor", ["serial", "processes:2"])
 def test_campaigns_end_as_each_alone_would(tmp_path, executor):
-    one, two = campaigns(tmp_path)
+    one, two = two_campaigns(tmp_path)
     (two / "trials.csv").unlink()
     nowhere = tmp_path / "nowhere"
     ends = list(run_campaigns([one, two, nowhere], tmp_path / "out", FIRST, executor, 0, verdict))
@@ -153,7 +154,7 @@ def test_campaigns_end_as_each_alone_would(tmp_path, executor):
     assert ends[0].words == "seen"
     assert ends[0].ran == ("ingest",)
     assert ends[1].words.startswith("exit code 4: ")
-    assert workers.most_serious(ends) == 4
+    assert campaigns.most_serious(ends) == 4
     (again,) = run_campaigns([one], tmp_path / "out", FIRST, "serial", 0, verdict)
     assert again.words == "seen; up to date"
     (forced,) = run_campaigns([one], tmp_path / "out", FIRST, "serial", 0, verdict, "ingest")
@@ -168,7 +169,7 @@ def test_two_campaigns_of_one_name_are_refused(tmp_path):
 
 def test_a_campaign_whose_process_dies_ends_the_command(tmp_path):
     with pytest.raises(InputRefused, match="a worker process died; campaigns without a line"):
-        list(run_campaigns(campaigns(tmp_path), tmp_path, FIRST, "processes:1", 0, die))
+        list(run_campaigns(two_campaigns(tmp_path), tmp_path, FIRST, "processes:1", 0, die))
 
 
 # ---- dask
@@ -208,7 +209,9 @@ def cluster(tmp_path):
 
 def test_a_cluster_takes_whole_campaigns(cluster, tmp_path):
     address, _, _ = cluster
-    ends = list(run_campaigns(campaigns(tmp_path), tmp_path, FIRST, f"dask:{address}", 0, verdict))
+    ends = list(
+        run_campaigns(two_campaigns(tmp_path), tmp_path, FIRST, f"dask:{address}", 0, verdict)
+    )
     assert [(end.campaign, end.exit_code) for end in ends] == [("c0", 0), ("c1", 0)]
     assert (tmp_path / "processed/c1/trials.parquet").is_file()
 
@@ -217,20 +220,20 @@ def test_a_cluster_takes_whole_campaigns(cluster, tmp_path):
     ("which", "what"), [(1, "the dask scheduler at .* died"), (2, "has had no worker for 2 s")]
 )
 def test_a_cluster_that_dies_ends_the_command(cluster, tmp_path, monkeypatch, which, what):
-    monkeypatch.setattr(workers, "WITHOUT_WORKERS_S", 2.0)
+    monkeypatch.setattr(campaigns, "WITHOUT_WORKERS_S", 2.0)
     threading.Timer(3, cluster[which].kill).start()
     with pytest.raises(InputRefused, match=what):
-        list(workers._on_cluster(cluster[0], time.sleep, [600]))
+        list(campaigns.on_cluster(cluster[0], time.sleep, [600]))
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:port", "silent"])
 def test_a_scheduler_that_does_not_answer_is_reported(address, monkeypatch):
     pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
-    monkeypatch.setattr(workers, "ANSWER_S", 0.3)
+    monkeypatch.setattr(campaigns, "ANSWER_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         # somebody listens, who is no scheduler
         address = address.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
         with pytest.raises(
             UsageError, match=f"no dask scheduler answers at '{address}'.*\\n  start one"
         ):
-            list(workers._on_cluster(address, square, [1]))
+            list(campaigns.on_cluster(address, square, [1]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import click
 import pytest
 from click.testing import CliRunner
 from tests.unit import small_run
@@ -14,11 +15,9 @@ from nearlift.describe import stages_page
 from nearlift.report.figures import budget
 from nearlift.report.registry import declared
 from nearlift.run.engine import (
-    Option,
     Outcome,
     Stage,
     StageChapter,
-    StageQuestion,
     products_of,
     stage_of,
 )
@@ -41,8 +40,8 @@ WEIGH = Stage(
     reads=(TRIALS,),
     writes=(HEIGHTS,),
     sections=("vehicle",),
-    options=(Option(flag="--most", limits=(1, 9), help="Of how many."),),
-    question=StageQuestion(options=(Option(flag="--ask", help="Instead."),)),
+    options=(click.Option(["--most"], type=click.IntRange(1, 9), help="Of how many."),),
+    question=(click.Option(["--ask"], help="Instead."),),
 )
 
 

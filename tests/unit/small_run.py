@@ -19,7 +19,6 @@ from nearlift.report.registry import CHAPTERS
 from nearlift.report.tables import csv
 from nearlift.run import engine
 from nearlift.run.engine import Job
-from nearlift.run.workers import SerialExecutor
 from nearlift.stages import STAGES
 from nearlift.synthetic.records import Form, SimulatedBench, write_campaign
 from nearlift.synthetic.trial_schedule import randomised
@@ -119,7 +118,7 @@ def chapter(evidence: Evidence, name: str) -> str:
 
 def job(root: Path, out: Path, **changes: Any) -> Job:
     """The campaign as the command line would open it."""
-    with engine.open_job(root, out, STAGES, SerialExecutor(), 0, keep=False) as opened:
+    with engine.open_job(root, out, STAGES, "serial", 0, fresh=True) as opened:
         return replace(opened, **changes)
 
 

@@ -6,49 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from nearlift.results.document import IfAny, Real
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunOptions:
-    """Options of the command line that decide numbers."""
-
-    seed: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InputDigest:
-    """A raw file, or all velocity grids of one case."""
-
-    sha256: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageMaterial:
-    """Everything that decides a stage's output: digests of code, sections of the manifest, inputs
-    and products, versions and seed.
-    """
-
-    code: str
-    versions: Mapping[str, str]
-    seed: int
-    manifest: Mapping[str, str]
-    inputs: Mapping[str, str]
-    products: Mapping[str, str]
+from nearlift.results.document import Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageRecord:
-    """One stage that is done; `outputs` by ``processed/...`` or ``reports/...``, `rejected` trials
-    with the reason, `overrides` options of the command line that override the manifest.
+    """One stage that is done: digests of its `material` (what decides its output) by name and of
+    its `outputs` by ``processed/...`` or ``reports/...``; `rejected` trials with the reason.
     """
 
-    material: StageMaterial
+    material: Mapping[str, str]
     outputs: Mapping[str, str]
     rejected: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
     wall_s: Real
-    overrides: IfAny[Mapping[str, object]] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +34,11 @@ class ProvenanceLedger:
     nearlift: str = ""
     platform: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
-    options: RunOptions = RunOptions(seed=0)
-    inputs: Mapping[str, InputDigest] = field(default_factory=dict)
+    options: Mapping[str, int] = field(default_factory=dict)
+    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     stages: Mapping[str, StageRecord] = field(default_factory=dict)
+
+    @property
+    def outputs(self) -> dict[str, str]:
+        """Digests of all products, by name."""
+        return {name: sha for stage in self.stages.values() for name, sha in stage.outputs.items()}

@@ -1,8 +1,7 @@
 """A run: which stages are stale, and how what they write gets to the disk.
 
-A stage is a function of a `Job`. It is stale when a digest of its inputs is not the one in
-provenance.json, or a product is not what it wrote. Inputs are sections of the manifest, raw files,
-earlier products, seed and code.
+A stage is a function of a `Job`. It is stale when the digest of something that decides its output
+is not the one in provenance.json, or a product is not what it wrote.
 
 A stage's files are kept in memory until it is done. Then its record leaves provenance.json, its
 files take their places, and its record is written last. A killed run leaves a stage that is stale.
@@ -16,7 +15,6 @@ import hashlib
 import json
 import os
 import platform
-import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
@@ -25,22 +23,26 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import click
+
 from nearlift import blas
 from nearlift.errors import DeclarationError, InputRefused, NearliftError, ProductError, UsageError
 from nearlift.run import tables
-from nearlift.run.raw_files import Inputs, RawFiles, list_digest
 from nearlift.run.tables import LEDGER, Product
+from nearlift.run.workers import open_executor
 from nearlift.version import __version__
 
 # the command line is made of stages, so what a manifest needs is imported where a job is opened
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
-    from nearlift.results.provenance import ProvenanceLedger, StageMaterial
+    from nearlift.results.provenance import ProvenanceLedger
 
 MANIFEST = "campaign.toml"
 LOCK = ".lock"
 #: Digests of raw files by size and time of last change, so that they are not hashed at each run.
 CACHE = "inputs-cache.json"
+#: A file younger than this may change again within the resolution of its time stamp.
+YOUNG_NS = 2_000_000_000
 #: Packages whose version can change a number.
 NUMERICAL = (
     "numpy",
@@ -53,12 +55,10 @@ NUMERICAL = (
     "pint",
     "pydantic",
 )
-
-
-def is_unfinished(name: str) -> bool:
-    """Whether this names an unfinished file: a dot, the file's name, its process, ``tmp``."""
-    head, _, process = name.removesuffix(".tmp").rpartition(".")
-    return name.endswith(".tmp") and head.startswith(".") and len(head) > 1 and process.isdigit()
+#: Raw files of a stage, by the name under which provenance.json lists them.
+Inputs = Mapping[str, Sequence[str]]
+#: Size of a file in bytes, and time of its last change, ns.
+Stamp = tuple[int, int]
 
 
 class Busy(NearliftError):
@@ -66,35 +66,6 @@ class Busy(NearliftError):
 
 
 # ---- stages
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Option:
-    """An option of a stage's command: text unless it is one of `choices`, a whole number within
-    `limits`, or `real`.
-    """
-
-    flag: str
-    help: str
-    choices: tuple[str, ...] = ()
-    limits: tuple[int, int] | None = None
-    real: bool = False
-    metavar: str | None = None
-
-    @property
-    def name(self) -> str:
-        """The flag as a Python name."""
-        return self.flag.removeprefix("--").replace("-", "_")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageQuestion:
-    """A question that a stage's command answers instead of running the stage, where one of its
-    options is given.
-    """
-
-    options: tuple[Option, ...]
-    example: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,8 +105,12 @@ class Stage:
         digests of all.
     where : str
         It belongs to a run only where the campaign has this section.
-    options : tuple of Option
+    options : tuple of click.Option
         Of its command; each takes the place of a key of the manifest's section of the stage's name.
+    question : tuple of click.Option
+        Options with which the command answers a question instead of running the stage.
+    example : str
+        The question as an example of the help.
     chapter : StageChapter or None
         Its chapter of the report, unless the report gives it a place of its own.
     """
@@ -150,8 +125,9 @@ class Stage:
     inputs: Callable[[Path, Campaign], Inputs] | None = None
     report: bool = False
     where: str = ""
-    options: tuple[Option, ...] = ()
-    question: StageQuestion | None = None
+    options: tuple[click.Option, ...] = ()
+    question: tuple[click.Option, ...] = ()
+    example: str = ""
     chapter: StageChapter | None = None
 
     def configured(self, campaign: Campaign) -> bool:
@@ -188,6 +164,14 @@ def products_of(stages: Iterable[Stage]) -> tuple[Product, ...]:
     return tuple(p for i, p in enumerate(written) if p not in written[i + 1 :])
 
 
+def stage_of(stages: Iterable[Stage], name: str) -> Stage:
+    """The stage of that name; raises `UsageError` where there is none."""
+    named = {stage.name: stage for stage in stages}
+    if name not in named:
+        raise UsageError("stage", f"{name!r} is not a stage", f"stages are {', '.join(named)}")
+    return named[name]
+
+
 # ---- jobs
 
 
@@ -206,11 +190,7 @@ def silent(text: str, share: float | None = None, /) -> None:
 
 def subprogress(say: Say, i: int, count: int) -> Say:
     """Progress of step `i`, from 0, of `count`."""
-
-    def say_part(text: str, share: float | None = None, /) -> None:
-        say(text, (i + (share or 0.0)) / count)
-
-    return say_part
+    return lambda text, share=None, /: say(text, (i + (share or 0.0)) / count)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,8 +217,10 @@ class Job:
         SHA-256 of every raw file by its path under `root`, and of every list of velocity grids.
     sources : mapping of str to tuple of str
         Names among `inputs` that each stage reads.
-    stamps : mapping of str to (int, int)
+    stamps : mapping of str to Stamp
         Size and time of last change of each raw file.
+    sections : mapping of str to str
+        Digests of the manifest's sections.
     overrides : mapping of str to object
         Values that the command line put in place of the manifest's, by option.
     pending : dict of str to (bytes or None), or None
@@ -254,7 +236,8 @@ class Job:
     stages: tuple[Stage, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    stamps: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    stamps: Mapping[str, Stamp] = field(default_factory=dict)
+    sections: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
     say: Say = silent
     overrides: Mapping[str, object] = field(default_factory=dict)
@@ -289,12 +272,9 @@ class Job:
     def overriding(self, section: str, given: Mapping[str, object]) -> Job:
         """The job with keys of one section of the manifest replaced; None leaves a key."""
         known = {k: v for k, v in given.items() if v is not None}
-        if not known:
-            return self
-        wanted = getattr(self.campaign, section).model_copy(update=known)
-        return replace(
-            self, campaign=self.campaign.model_copy(update={section: wanted}), overrides=known
-        )
+        changed = getattr(self.campaign, section).model_copy(update=known) if known else None
+        campaign = self.campaign.model_copy(update={section: changed}) if known else self.campaign
+        return replace(self, campaign=campaign, overrides=known)
 
     def read(self, product: Product) -> tables.Table:
         """A table product of this campaign."""
@@ -326,42 +306,25 @@ class Job:
         self.put(f"processed/{result.file}", tables.json_bytes(result))
 
 
-def stage_of(stages: Iterable[Stage], name: str) -> Stage:
-    """The stage of that name; raises `UsageError` where there is none."""
-    named = {stage.name: stage for stage in stages}
-    if name not in named:
-        raise UsageError("stage", f"{name!r} is not a stage", f"stages are {', '.join(named)}")
-    return named[name]
-
-
-def inputs_of(stages: Iterable[Stage], root: Path, campaign: Campaign) -> dict[str, Inputs]:
-    """Raw files of each stage that the campaign asks for."""
-    return {
-        stage.name: stage.inputs(root, campaign)
-        for stage in stages
-        if stage.inputs is not None and stage.configured(campaign)
-    }
-
-
 @contextlib.contextmanager
 def open_job(
     root: Path,
     out: Path,
     stages: Sequence[Stage],
-    executor: futures.Executor,
+    executor: str,
     seed: int,
     *,
     say: Say = silent,
-    keep: bool = True,
+    fresh: bool = False,
     planned: bool = False,
 ) -> Iterator[Job]:
-    """A campaign as a job: manifest checked, raw files hashed. `keep` the digests for the next run;
-    a campaign that is only `planned` has no records yet.
+    """A campaign as a job: manifest checked, raw files hashed, executor open. `fresh`: each raw
+    file is read, whatever its time of change; a campaign that is only `planned` has no records yet.
 
     Raises
     ------
     UsageError
-        `out` is the campaign's folder, or lies in it.
+        `out` is the campaign's folder, or lies in it, or `executor` is none.
     """
     from nearlift.campaign import manifest as manifests
 
@@ -373,26 +336,80 @@ def open_job(
             "name a folder outside it",
         )
     processed = out / "processed" / campaign.name
-    raw = RawFiles(root=root, cache=processed / CACHE)
     of_stages = {} if planned else inputs_of(stages, root, campaign)
     listed: dict[str, Sequence[str]] = {} if planned else {MANIFEST: (MANIFEST,)}
     for inputs in of_stages.values():
         listed |= inputs
-    yield Job(
-        root=root,
-        campaign=campaign,
-        processed=processed,
-        reports=out / "reports" / campaign.name,
-        executor=executor,
-        stages=tuple(stages),
-        inputs=raw.hashed(listed),
-        sources={name: tuple(inputs) for name, inputs in of_stages.items()},
-        stamps=raw.stamps,
-        seed=seed,
-        say=say,
-    )
-    if keep and not planned:
-        raw.remember()
+    stamps, digests = hashed(root, listed, None if fresh else processed / CACHE)
+    content = campaign.model_dump(mode="json", by_alias=True)
+    with open_executor(executor) as pool:
+        yield Job(
+            root=root,
+            campaign=campaign,
+            processed=processed,
+            reports=out / "reports" / campaign.name,
+            executor=pool,
+            stages=tuple(stages),
+            inputs={
+                name: list_digest(name, {file: digests[file] for file in files})
+                for name, files in listed.items()
+            },
+            sources={name: tuple(inputs) for name, inputs in of_stages.items()},
+            stamps=stamps,
+            sections={
+                name: tables.digest_of(json.dumps(value, sort_keys=True, default=str).encode())
+                for name, value in content.items()
+            },
+            seed=seed,
+            say=say,
+        )
+
+
+# ---- raw files
+
+
+def inputs_of(stages: Iterable[Stage], root: Path, campaign: Campaign) -> dict[str, Inputs]:
+    """Raw files of each stage that the campaign asks for."""
+    return {
+        stage.name: stage.inputs(root, campaign)
+        for stage in stages
+        if stage.inputs is not None and stage.configured(campaign)
+    }
+
+
+def hashed(
+    root: Path, listed: Inputs, cache: Path | None
+) -> tuple[dict[str, Stamp], dict[str, str]]:
+    """Stamp and SHA-256 of each raw file. One whose stamp is as in `cache` is not read again; the
+    cache is brought up to date where products are.
+    """
+    known = tables.read_json_if_whole(cache) if cache else {}
+    folder, now_ns = root.as_posix(), time.time_ns()
+    stamps, digests = dict[str, Stamp](), dict[str, str]()
+    for file in dict.fromkeys(file for files in listed.values() for file in files):
+        status = os.stat(f"{folder}/{file}")  # noqa: PTH116 - paths made one by one take longer
+        stamps[file] = status.st_size, status.st_mtime_ns
+        match known.get(file):
+            case [*stamp, str(sha)] if (*stamp,) == stamps[file]:
+                digests[file] = sha
+    unknown = [file for file in stamps if file not in digests]
+    # hashing leaves the interpreter free
+    with futures.ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
+        hashes = pool.map(tables.sha256, (f"{folder}/{file}" for file in unknown))
+        digests |= zip(unknown, hashes, strict=True)
+    settled = {f: [*s, digests[f]] for f, s in stamps.items() if now_ns - s[1] >= YOUNG_NS}
+    if cache and cache.parent.is_dir() and settled != known:
+        # another user's products may be looked at
+        with contextlib.suppress(OSError):
+            tables.write_whole(cache, json.dumps(settled).encode())
+    return stamps, digests
+
+
+def list_digest(name: str, digests: Mapping[str, str]) -> str:
+    """Digest of a file, or of a list of files: their names, each with its own."""
+    if digests.keys() == {name}:
+        return digests[name]
+    return tables.digest_of("".join(f"{n} {sha}\n" for n, sha in digests.items()).encode())
 
 
 # ---- staleness
@@ -416,45 +433,28 @@ def code_digest() -> str:
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages whose version can change a number."""
-    return {"python": platform.python_version(), **{name: _version(name) for name in NUMERICAL}}
-
-
-def _version(package: str) -> str:
-    # among the first lines; the library parses all, with the page's description, as an e-mail
-    text = metadata.distribution(package).read_text("METADATA") or ""
-    stated = re.search(r"^Version: *(.+?) *$", text, re.MULTILINE)
-    return stated.group(1) if stated else metadata.version(package)
+    return {"python": platform.python_version(), **{n: metadata.version(n) for n in NUMERICAL}}
 
 
 def open_ledger(job: Job) -> ProvenanceLedger:
     """The campaign's provenance.json; an empty one where it is missing or damaged."""
     from nearlift.results.provenance import ProvenanceLedger
 
-    path = job.processed / LEDGER
-    try:
-        return tables.loaded(path.read_bytes(), ProvenanceLedger, str(path))
-    except (OSError, ProductError):
-        return ProvenanceLedger()
+    return tables.load_if_whole(job.processed / LEDGER, ProvenanceLedger())
 
 
-def material(job: Job, stage: Stage) -> StageMaterial:
-    """Everything that decides the stage's output, by content."""
-    from nearlift.results.provenance import StageMaterial
-
-    manifest = job.campaign.model_dump(mode="json", by_alias=True)
-    names = job.inputs if stage.report else job.sources.get(stage.name, ())
-    paths = {p.file: job.processed / p.file for p in stage.reads}
-    return StageMaterial(
-        code=code_digest(),
-        versions=versions(),
-        seed=job.seed,
-        manifest={
-            s: tables.digest_of(json.dumps(manifest[s], sort_keys=True, default=str).encode())
-            for s in stage.sections
-        },
-        inputs={name: job.inputs[name] for name in names},
-        products={file: tables.sha256(path) for file, path in paths.items() if path.is_file()},
-    )
+def material(job: Job, stage: Stage) -> dict[str, str]:
+    """Digests of everything that decides the stage's output, by their names in `why_stale`."""
+    raw = job.inputs if stage.report else job.sources.get(stage.name, ())
+    return {
+        "nearlift itself": code_digest(),
+        **{f"version of {package}": version for package, version in versions().items()},
+        **{f"option --{name}": str(value) for name, value in job.overrides.items()},
+        **{f"[{name}] of the manifest": job.sections[name] for name in stage.sections},
+        **{name: job.inputs[name] for name in raw},
+        **{p.file: tables.sha256_if_any(job.processed / p.file) for p in stage.reads},
+        "the seed": str(job.seed),
+    }
 
 
 def why_stale(job: Job, stage: Stage, ledger: ProvenanceLedger) -> str:
@@ -464,40 +464,19 @@ def why_stale(job: Job, stage: Stage, ledger: ProvenanceLedger) -> str:
         return "has not run yet"
     names = [s.name for s in job.stages]
     later = [ledger.stages[n] for n in names[names.index(stage.name) + 1 :] if n in ledger.stages]
-    for file in (f"processed/{p.file}" for p in stage.writes):
-        if file not in record.outputs and not any(file in r.outputs for r in later):
-            return f"{file} is as an earlier stage left it"
     for file, sha in record.outputs.items():
-        if not job.place(file).is_file():
-            return f"{file} is missing"
-        if tables.sha256(job.place(file)) != sha:
-            return f"{file} was changed after it was written"
+        if any(file in r.outputs for r in later):
+            continue  # a later stage has written it again
+        now = tables.sha256_if_any(job.place(file))
+        if now != sha:
+            return f"{file} {'was changed after it was written' if now else 'is missing'}"
     waiting = sum(reason.startswith("PENDING") for _, reason in record.rejected)
     if waiting:
         return f"{waiting} record{'s were' if waiting > 1 else ' was'} still being written"
-    before, now, overrides = record.material, material(job, stage), record.overrides or {}
-    if before.code != now.code:
-        return "nearlift itself has changed"
-    if before.manifest != now.manifest and overrides != job.overrides:
-        return (
-            f"was last run with {_flags(overrides)}"
-            if overrides
-            else f"{_flags(job.overrides)} is asked for"
-        )
-    for old, new, meaning in (
-        (before.versions, now.versions, "version of {}"),
-        (before.manifest, now.manifest, "[{}] of the manifest"),
-        (before.inputs, now.inputs, "{}"),
-        (before.products, now.products, "{}"),
-    ):
-        if changed := sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k)):
-            more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
-            return f"{meaning.format(changed[0])} has changed{more}"
-    return "the seed has changed" if before.seed != now.seed else ""
-
-
-def _flags(overrides: Mapping[str, object]) -> str:
-    return " ".join(f"--{name} {value}" for name, value in overrides.items())
+    before, made_of = dict(record.material), material(job, stage)
+    changed = [k for k in made_of | before if before.get(k) != made_of.get(k)]
+    more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
+    return f"{changed[0]} has changed{more}" if changed else ""
 
 
 # ---- runs
@@ -563,60 +542,64 @@ def run(
             working = replace(job, pending={})
             outcome = _done(working, stage)
             wall_s = time.perf_counter() - start
-            ledger = _committed(working, stage, ledger, made_of, outcome, wall_s)
-            yield Step(stage=stage, why=why, outcome=outcome, wall_s=time.perf_counter() - start)
+            ledger = _commit(working, stage, ledger, made_of, outcome, wall_s)
+            yield Step(stage=stage, why=why, outcome=outcome, wall_s=wall_s)
 
 
 def _done(job: Job, stage: Stage) -> Outcome:
-    """Run a stage on one BLAS thread."""
+    """Run a stage on one BLAS thread.
+
+    Raises
+    ------
+    InputRefused
+        A worker process died.
+    ProductError
+        The stage did not write what it declares.
+    """
     try:
         with blas.one_thread():
-            return stage.run(job)
+            outcome = stage.run(job)
     except futures.BrokenExecutor:
         raise InputRefused(
             "--executor", "a worker process died", "use fewer workers (memory?), or serial"
         ) from None
-
-
-def _committed(
-    job: Job,
-    stage: Stage,
-    ledger: ProvenanceLedger,
-    made_of: StageMaterial,
-    outcome: Outcome,
-    wall_s: float,
-) -> ProvenanceLedger:
-    """The ledger with the stage's record, written after the stage's files.
-
-    Raises
-    ------
-    ProductError
-        The stage did not write what it declares.
-    """
-    from nearlift.results.provenance import InputDigest, RunOptions, StageRecord
-
-    files = job.pending or {}
     for product in stage.writes:
-        if files.get(f"processed/{product.file}") is None:
+        if (job.pending or {}).get(f"processed/{product.file}") is None:
             raise ProductError(
                 product.file, f"was not written by {stage.name}", "this is a defect of the stage"
             )
-    # a file belongs to the stage that wrote it last
-    others = {
-        name: replace(record, outputs={f: s for f, s in record.outputs.items() if f not in files})
+    return outcome
+
+
+def _commit(
+    job: Job,
+    stage: Stage,
+    ledger: ProvenanceLedger,
+    made_of: Mapping[str, str],
+    outcome: Outcome,
+    wall_s: float,
+) -> ProvenanceLedger:
+    """Write the stage's files, then its record; returns the ledger with it."""
+    from nearlift.results.provenance import ProvenanceLedger, StageRecord
+
+    files, order = job.pending or {}, [s.name for s in job.stages]
+    before = order[: order.index(stage.name)]
+    # a later stage whose file is overwritten has to write it again
+    records = {
+        name: record
         for name, record in ledger.stages.items()
-        if name != stage.name
+        if name in before or record.outputs.keys().isdisjoint(files)
     }
-    ledger = replace(
-        ledger,
+    records.pop(stage.name, None)
+    ledger = ProvenanceLedger(
         campaign=job.campaign.name,
         vehicle=job.campaign.vehicle.name,
         nearlift=__version__,
         platform=platform.platform(),
         versions=versions(),
-        options=RunOptions(seed=job.seed),
-        inputs={name: InputDigest(sha256=sha) for name, sha in job.inputs.items()},
-        stages=others,
+        options={"seed": job.seed},
+        inputs={name: {"sha256": sha} for name, sha in job.inputs.items()},
+        stages=records,
     )
     # from here until its record is written the stage is stale, whatever happens
     tables.write_whole(job.processed / LEDGER, tables.json_bytes(ledger))
@@ -625,16 +608,14 @@ def _committed(
             job.place(name).unlink(missing_ok=True)
         else:
             tables.write_whole(job.place(name), content)
-    record = StageRecord(
+    records[stage.name] = StageRecord(
         material=made_of,
         outputs={n: tables.digest_of(c) for n, c in sorted(files.items()) if c is not None},
-        rejected=tuple(outcome.rejected),
-        notes=tuple(outcome.notes),
+        rejected=outcome.rejected,
+        notes=outcome.notes,
         wall_s=wall_s,
-        overrides=dict(job.overrides) or None,
     )
-    done = {**others, stage.name: record}
-    ledger = replace(ledger, stages={s.name: done[s.name] for s in job.stages if s.name in done})
+    ledger = replace(ledger, stages={n: records[n] for n in order if n in records})
     tables.write_whole(job.processed / LEDGER, tables.json_bytes(ledger))
     return ledger
 
@@ -649,57 +630,29 @@ def locked(job: Job) -> Iterator[None]:
     Busy
         Another process holds it.
     """
-    folders = (job.processed, job.reports)
-    made = [f for folder in folders for f in (folder, *folder.parents) if not f.exists()]
-    job.processed.mkdir(parents=True, exist_ok=True)
-    path = job.processed / LOCK
-    descriptor = _flocked(path)
-    try:
-        for folder in folders:
-            for file in folder.rglob(".*.tmp"):
-                if is_unfinished(file.name) and not file.is_symlink():
-                    file.unlink(missing_ok=True)
-        yield
-    finally:
-        # removed while it is held, so that nobody can hold a file without a name
-        path.unlink(missing_ok=True)
-        os.close(descriptor)
-        for folder in made:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-
-
-def _flocked(path: Path) -> int:
-    """Descriptor of a lock file that this process holds alone."""
     import fcntl
 
-    while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    job.processed.mkdir(parents=True, exist_ok=True)
+    with (job.processed / LOCK).open("a+") as file:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            owner = os.pread(descriptor, 20, 0).decode(errors="replace")
-            os.close(descriptor)
+            file.seek(0)
             raise Busy(
-                str(path.parent),
-                f"another run works on these products: process {owner or '?'}",
+                str(job.processed),
+                f"another run works on these products: process {file.read(20) or '?'}",
                 "wait until it is done, end it, or choose another --out",
             ) from None
-        with contextlib.suppress(FileNotFoundError):
-            if os.fstat(descriptor).st_ino == path.stat().st_ino:
-                os.ftruncate(descriptor, 0)
-                os.pwrite(descriptor, str(os.getpid()).encode(), 0)
-                return descriptor
-        # its owner removed it between the two calls
-        os.close(descriptor)
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        for folder in (job.processed, job.reports):
+            for unfinished in folder.rglob(f".*{tables.UNFINISHED}"):
+                unfinished.unlink(missing_ok=True)
+        yield
 
 
-# ---- checks
-
-
-def differences(
-    root: Path, out: Path, campaign: Campaign, stages: Iterable[Stage]
-) -> tuple[int, list[str]]:
+def differences(job: Job) -> tuple[int, list[str]]:
     """Number of entries in provenance.json, and a line for each whose digest differs.
 
     Raises
@@ -707,43 +660,18 @@ def differences(
     ProductError
         There is no provenance.json, or it is damaged.
     """
-    path = out / "processed" / campaign.name / LEDGER
-    content = tables.read_json(path)
-    try:
-        inputs = {str(name): str(entry["sha256"]) for name, entry in content["inputs"].items()}
-        outputs = {
-            str(name): str(sha)
-            for stage in content["stages"].values()
-            for name, sha in stage["outputs"].items()
-        }
-    except (KeyError, TypeError, AttributeError):
-        raise ProductError(
-            str(path),
-            "is not what nearlift writes",
-            "restore it from a copy, or delete it and run again",
-        ) from None
-    lists: dict[str, Sequence[str]] = {}
-    for stage in stages:
-        if stage.inputs is not None and stage.configured(campaign):
-            # a file that cannot be read is found to be another below
-            with contextlib.suppress(NearliftError):
-                lists |= stage.inputs(root, campaign)
-    lines = []
-    for name, sha in inputs.items():
-        files = lists.get(name, (name,))
-        if name not in lists and name.startswith("["):
-            lines.append(f"{name}: are other files by now")
-        elif (*files,) == (name,):
-            lines += _difference(root / name, sha)
-        elif list_digest({file: tables.sha256(root / file) for file in files}) != sha:
-            lines.append(f"{name}: are not what they were")
-    for name, sha in outputs.items():
-        kind, _, rest = name.partition("/")
-        lines += _difference(out / kind / campaign.name / rest, sha)
-    return len(inputs) + len(outputs), lines
+    from nearlift.results.provenance import ProvenanceLedger
 
-
-def _difference(path: Path, sha: str) -> list[str]:
-    if not path.is_file():
-        return [f"{path}: is missing"]
-    return [] if tables.sha256(path) == sha else [f"{path}: is not what it was"]
+    ledger = tables.load(job.processed / LEDGER, ProvenanceLedger)
+    entries = {
+        **{job.root / n: (e["sha256"], job.inputs.get(n, "")) for n, e in ledger.inputs.items()},
+        **{
+            job.place(name): (sha, tables.sha256_if_any(job.place(name)))
+            for name, sha in ledger.outputs.items()
+        },
+    }
+    return len(entries), [
+        f"{path}: is {'not what it was' if now else 'missing'}"
+        for path, (sha, now) in entries.items()
+        if now != sha
+    ]

@@ -19,7 +19,6 @@ from nearlift.errors import ProductError
 
 # the command line is made of these declarations, so numpy and pyarrow are imported where needed
 if TYPE_CHECKING:
-    import pyarrow as pa
     from numpy.typing import NDArray
 
 Kind = Literal["text", "real", "integer"]
@@ -27,8 +26,13 @@ Kind = Literal["text", "real", "integer"]
 Table = dict[str, "NDArray[Any]"]
 #: File of digests in the folder of a campaign's products.
 LEDGER = "provenance.json"
-#: Bytes that are hashed at once.
-CHUNK = 1 << 20
+#: End of the name of a file that is being written.
+UNFINISHED = ".unfinished"
+#: Arrow type of each kind of column, and of undeclared columns by numpy's letter, if not real.
+KINDS: dict[Kind, str] = {"text": "string", "real": "float64", "integer": "int64"}
+OTHERS = {"O": "string", "U": "string", "i": "int64", "u": "int64"}
+RUN_AGAIN = "delete it and run again"
+DEFECT = "this is a defect of the stage that writes it"
 
 
 class Saved(Protocol):
@@ -94,11 +98,8 @@ class Product:
         """Rows as this table's columns."""
         import numpy as np
 
-        kinds: dict[Kind, Any] = {"text": object, "integer": np.int64, "real": float}
-        return {
-            c.name: np.array([row[c.name] for row in rows], dtype=kinds[c.kind])
-            for c in self.columns
-        }
+        types = {c.name: object if c.kind == "text" else KINDS[c.kind] for c in self.columns}
+        return {c: np.array([row[c] for row in rows], dtype=t) for c, t in types.items()}
 
 
 PROVENANCE = Product(file=LEDGER, title="What made these products", row="stage")
@@ -108,12 +109,8 @@ def stacked(product: Product, tables: Sequence[Table]) -> Table:
     """Tables one below the other; with the product's columns and no rows where there are none."""
     import numpy as np
 
-    return {
-        c.name: np.concatenate(
-            [np.zeros(0, dtype=object if c.kind == "text" else float), *(t[c.name] for t in tables)]
-        )
-        for c in product.columns
-    }
+    empty = product.columns_of(())
+    return {c: np.concatenate([none, *(t[c] for t in tables)]) for c, none in empty.items()}
 
 
 # ---- files
@@ -122,7 +119,7 @@ def stacked(product: Product, tables: Sequence[Table]) -> Table:
 def write_whole(path: Path, content: bytes) -> None:
     """Replace a file in one step that survives a crash: a reader sees the old bytes or the new."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     try:
         with unfinished.open("wb") as file:
             file.write(content)
@@ -130,30 +127,27 @@ def write_whole(path: Path, content: bytes) -> None:
             os.fsync(file.fileno())
         unfinished.replace(path)
     except BaseException as fault:
-        with contextlib.suppress(OSError):
-            unfinished.unlink()
+        unfinished.unlink(missing_ok=True)
         if isinstance(fault, OSError) and fault.filename is None:
             fault.filename = str(path)
         raise
-    sync_folder(path.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk."""
-    descriptor = os.open(folder, os.O_RDONLY)
+    # wait until the name is on the disk too
+    folder = os.open(path.parent, os.O_RDONLY)
     try:
-        os.fsync(descriptor)
+        os.fsync(folder)
     finally:
-        os.close(descriptor)
+        os.close(folder)
 
 
 def sha256(path: str | Path) -> str:
-    """SHA-256 of a file, streamed."""
-    digest = hashlib.sha256()
-    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - a path made of text takes longer
-        while chunk := file.read(CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()
+    """SHA-256 of a file."""
+    with open(path, "rb") as file:  # noqa: PTH123 - a path made of text takes longer
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sha256_if_any(path: Path) -> str:
+    """SHA-256 of a file; empty where there is none."""
+    return sha256(path) if path.is_file() else ""
 
 
 def digest_of(content: bytes) -> str:
@@ -177,36 +171,24 @@ def product_bytes(path: Path) -> bytes:
             "is missing",
             "run the stage that writes it (`nearlift run --dry-run CAMPAIGN` says which)",
         ) from None
-    stated = stated_digests(path.parent).get(f"processed/{path.name}")
-    if stated is not None and digest_of(content) != stated:
-        raise ProductError(
-            str(path),
-            "is damaged: it was changed after it was written",
-            "delete it and run again",
-        )
+    with contextlib.suppress(OSError):
+        ledger = path.with_name(LEDGER)
+        stated = _stated(ledger, ledger.stat().st_mtime_ns, ledger.stat().st_ino)
+        if digest_of(content) != stated.get(f"processed/{path.name}", digest_of(content)):
+            raise ProductError(
+                str(path), "is damaged: it was changed after it was written", RUN_AGAIN
+            )
     return content
 
 
-def stated_digests(folder: Path) -> Mapping[str, str]:
-    """Digests of products by name, as provenance.json in their folder has them."""
-    ledger = folder / LEDGER
-    try:
-        status = ledger.stat()
-    except OSError:
-        return {}
-    return _stated(str(ledger), status.st_mtime_ns, status.st_size, status.st_ino)
-
-
 @functools.lru_cache(maxsize=16)
-def _stated(ledger: str, *_: int) -> Mapping[str, str]:
-    content = read_json_if_whole(Path(ledger))
+def _stated(ledger: Path, *_: int) -> Mapping[str, str]:
+    """Digests of products by name, as provenance.json has them; none where it is damaged."""
+    from nearlift.results.provenance import ProvenanceLedger
+
     try:
-        return {
-            str(name): str(sha)
-            for stage in content.get("stages", {}).values()
-            for name, sha in stage["outputs"].items()
-        }
-    except (KeyError, TypeError, AttributeError):
+        return loaded(ledger.read_bytes(), ProvenanceLedger, str(ledger)).outputs
+    except ProductError:
         return {}
 
 
@@ -214,26 +196,8 @@ def _stated(ledger: str, *_: int) -> Mapping[str, str]:
 
 
 def table_bytes(table: Mapping[str, NDArray[Any]], product: Product) -> bytes:
-    """A table product as Parquet: schema checked, pages with checksums."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    sink = pa.BufferOutputStream()
-    # measured numbers rarely repeat: dictionaries would make files larger and slower to write
-    pq.write_table(
-        to_arrow(table, product),
-        sink,
-        compression="zstd",
-        use_dictionary=False,
-        write_page_checksum=True,
-    )
-    content: bytes = sink.getvalue().to_pybytes()
-    return content
-
-
-def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
-    """An Arrow table with the product's columns first, their units and meanings in the fields'
-    metadata.
+    """A table product as Parquet, declared columns first, with units and meanings in the fields'
+    metadata and checksums of pages.
 
     Raises
     ------
@@ -242,70 +206,36 @@ def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
     """
     import numpy as np
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
     declared = {c.name: c for c in product.columns}
     missing = {c.name for c in product.columns if not c.optional} - table.keys()
     extra = table.keys() - declared.keys()
-    fault = ""
     if missing or (extra and not product.open_ended):
         fault = f"lacks {sorted(missing)}, has undeclared {sorted(extra)}"
-    elif len({len(v) for v in table.values()}) > 1:
-        fault = "has columns of different lengths"
-    if fault:
-        raise ProductError(product.file, fault, "this is a defect of the stage that writes it")
-    kinds = {"text": pa.string(), "real": pa.float64(), "integer": pa.int64()}
+        raise ProductError(product.file, fault, DEFECT)
+    if len({len(values) for values in table.values()}) > 1:
+        raise ProductError(product.file, "has columns of different lengths", DEFECT)
     fields, arrays = [], []
     for name in (*(n for n in declared if n in table), *(n for n in table if n not in declared)):
         values, column = np.asarray(table[name]), declared.get(name)
-        kind = kinds[column.kind if column else _kind(values)]
+        kind = KINDS[column.kind] if column else OTHERS.get(values.dtype.kind, "float64")
+        texts = kind == "string"
+        arrays.append(pa.array([*map(str, values.tolist())] if texts else values, kind))
         about = {"unit": column.unit, "meaning": column.meaning} if column else None
         fields.append(pa.field(name, kind, metadata=about))
-        arrays.append(_arrow(values, kind))
-    schema = pa.schema(fields)
-    about = {"schema": product.schema, "layout": layout(schema, len(arrays[0]) if arrays else 0)}
-    return pa.Table.from_arrays(arrays, schema=schema.with_metadata(about))
-
-
-def layout(schema: pa.Schema, rows: int) -> str:
-    """Digest of names, types and length, which no page's checksum covers."""
-    columns = [(name, str(kind)) for name, kind in zip(schema.names, schema.types, strict=True)]
-    return digest_of(json.dumps([rows, columns]).encode())
-
-
-def _kind(values: NDArray[Any]) -> Kind:
-    """The kind of an undeclared column."""
-    return {"O": "text", "U": "text", "S": "text", "i": "integer", "u": "integer"}.get(  # type: ignore[return-value]
-        values.dtype.kind, "real"
+    schema = pa.schema(fields, metadata={"schema": product.schema})
+    sink = pa.BufferOutputStream()
+    # measured numbers rarely repeat: dictionaries would make files larger and slower to write
+    pq.write_table(
+        pa.Table.from_arrays(arrays, schema=schema),
+        sink,
+        compression="zstd",
+        use_dictionary=False,
+        write_page_checksum=True,
     )
-
-
-def _arrow(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
-    """A column from its bytes; `pyarrow.array` would import pandas, which takes 0.3 s."""
-    import numpy as np
-    import pyarrow as pa
-
-    if kind != pa.string():
-        plain_values = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
-        return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(plain_values)])
-    texts = [str(text).encode() for text in values.tolist()]
-    ends = np.cumsum([0, *map(len, texts)], dtype=np.int64)
-    if ends[-1] >= 2**31:
-        raise ProductError(
-            "text column", f"holds {ends[-1]} bytes", "shorten the texts: a column takes 2 GiB"
-        )
-    return pa.StringArray.from_buffers(
-        len(texts), pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(texts))
-    )
-
-
-def to_numpy(column: pa.ChunkedArray) -> NDArray[Any]:
-    """A column's values; texts as objects. Arrow's own `to_numpy` would import pandas."""
-    import numpy as np
-    import pyarrow as pa
-
-    if pa.types.is_string(column.type):
-        return np.asarray(column.to_pylist(), dtype=object)
-    return np.array(np.from_dlpack(column.combine_chunks()))
+    content: bytes = sink.getvalue().to_pybytes()
+    return content
 
 
 def read_table(path: Path, product: Product) -> Table:
@@ -321,34 +251,25 @@ def read_table(path: Path, product: Product) -> Table:
 
 def table_of(content: bytes, product: Product, where: str) -> Table:
     """A table from its bytes."""
+    import numpy as np
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        # pq.read_table would import pyarrow.dataset, and with it pandas
-        with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
-            table = file.read()
-        about = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
-        columns = {name: to_numpy(table[name]) for name in table.column_names}
+        table = pq.read_table(pa.BufferReader(content), page_checksum_verification=True)
+        stated = (table.schema.metadata or {}).get(b"schema", b"none").decode()
+        columns = {name: np.array(table[name]) for name in table.column_names}
     except (pa.ArrowException, OSError, ValueError) as fault:
-        raise ProductError(
-            where, f"is damaged: {str(fault).splitlines()[0]}", "delete it and run again"
-        ) from None
-    _require_schema(where, about, product.schema)
-    if about.get("layout") != layout(table.schema, table.num_rows):
-        raise ProductError(
-            where,
-            "is damaged: its columns or its length are not what was written",
-            "delete it and run again",
-        )
+        raise ProductError(where, f"is damaged: {str(fault).splitlines()[0]}", RUN_AGAIN) from None
+    _require_schema(where, stated, product.schema)
     return columns
 
 
-def _require_schema(where: str, content: Mapping[str, object], schema: str) -> None:
-    if content.get("schema") != schema:
+def _require_schema(where: str, stated: object, schema: str) -> None:
+    if stated != schema:
         raise ProductError(
             where,
-            f"has schema {content.get('schema', 'none')}, not {schema}",
+            f"has schema {stated}, not {schema}",
             "it was written by another version: run again",
         )
 
@@ -366,11 +287,11 @@ def json_bytes(content: object) -> bytes:
 def json_of(content: bytes, where: str) -> dict[str, Any]:
     """A JSON product from its bytes; raises `ProductError` where they are damaged."""
     try:
-        read = json.loads(content.decode())
+        read = json.loads(content)
     except ValueError as fault:
-        raise ProductError(where, f"is damaged: {fault}", "delete it and run again") from None
+        raise ProductError(where, f"is damaged: {fault}", RUN_AGAIN) from None
     if not isinstance(read, dict):
-        raise ProductError(where, "is not a JSON object", "delete it and run again")
+        raise ProductError(where, "is not a JSON object", RUN_AGAIN)
     return read
 
 
@@ -379,20 +300,22 @@ def read_json(path: Path) -> dict[str, Any]:
     return json_of(product_bytes(path), str(path))
 
 
-def load(path: Path, kind: type[Loaded]) -> Loaded:
-    """A JSON product as its type; raises `ProductError` where it is missing, damaged or of another
-    schema.
-    """
-    return loaded(product_bytes(path), kind, str(path))
-
-
 def loaded(content: bytes, kind: type[Loaded], where: str) -> Loaded:
     """A JSON product as its type, from its bytes."""
     from nearlift.results.document import typed
 
     read = json_of(content, where)
-    _require_schema(where, read, f"nearlift.{kind.file.removesuffix('.json')}/1")
+    _require_schema(
+        where, read.get("schema", "none"), f"nearlift.{kind.file.removesuffix('.json')}/1"
+    )
     return typed(kind, read, where)
+
+
+def load(path: Path, kind: type[Loaded]) -> Loaded:
+    """A JSON product as its type; raises `ProductError` where it is missing, damaged or of another
+    schema.
+    """
+    return loaded(product_bytes(path), kind, str(path))
 
 
 def load_if_whole(path: Path, otherwise: Loaded) -> Loaded:

@@ -14,8 +14,7 @@ from pathlib import Path
 
 from nearlift.errors import NearliftError
 from nearlift.run import engine, tables
-from nearlift.run.engine import Busy, Job, Say, Stage, silent
-from nearlift.run.workers import open_campaign
+from nearlift.run.engine import Busy, Job, Say, Stage, Stamp, silent
 
 #: Seconds between looks.
 PERIOD_S = 5.0
@@ -80,14 +79,24 @@ def watch(
     from nearlift.campaign import manifest as manifests
 
     home = out / "processed" / manifests.load(root).name
-    seen: dict[str, tuple[int, int]] | None = None
+    seen: dict[str, Stamp] | None = None
     again = waiting = False
     longest = 0
     while True:
         now = _stamps(root)
         if again or now != seen:
-            seen = now
-            latest, again = _round(root, out, stages, executor, seed, look, say)
+            seen, ran, again = now, list[str](), False
+            try:
+                with engine.open_job(root, out, stages, executor, seed, say=say) as job:
+                    for step in engine.run(job):
+                        ran += [step.stage.name] if step.why else []
+                        # a record was still being written
+                        again |= any(why.startswith("PENDING") for _, why in step.outcome.rejected)
+                    latest = replace(look(job, bool(ran)), ran=tuple(ran))
+            except NearliftError as refusal:
+                line = f"waiting: {str(refusal).splitlines()[0]}"
+                latest = Round(ran=tuple(ran), words=line, refused=str(refusal))
+                again = isinstance(refusal, Busy)
             if 0 < longest < latest.scheduled and not latest.planned:
                 latest = replace(latest, words=f"{latest.words}; {GROWS}")
             longest = max(longest, latest.scheduled)
@@ -98,42 +107,15 @@ def watch(
         time.sleep(period_s)
 
 
-def _stamps(root: Path) -> dict[str, tuple[int, int]]:
+def _stamps(root: Path) -> dict[str, Stamp]:
     """Size and time of last change of every file in the campaign's folder; links are not
     followed.
     """
     stamps = {}
-    for folder, _, names in os.walk(root):
-        for name in names:
-            path = Path(folder, name)
-            try:
-                status = path.lstat()
-            except FileNotFoundError:
-                continue  # renamed meanwhile
-            stamps[str(path)] = (status.st_size, status.st_mtime_ns)
+    for path in (Path(folder, name) for folder, _, names in os.walk(root) for name in names):
+        try:
+            status = path.lstat()
+        except FileNotFoundError:
+            continue  # renamed meanwhile
+        stamps[str(path)] = (status.st_size, status.st_mtime_ns)
     return stamps
-
-
-def _round(
-    root: Path,
-    out: Path,
-    stages: Sequence[Stage],
-    executor: str,
-    seed: int,
-    look: Callable[[Job, bool], Round],
-    say: Say,
-) -> tuple[Round, bool]:
-    """Run what is stale; the round, and whether to look again although nothing changes (a record
-    was still being written).
-    """
-    ran: list[str] = []
-    pending = False
-    try:
-        with open_campaign(root, out, stages, executor, seed, say=say) as job:
-            for step in engine.run(job):
-                ran += [step.stage.name] if step.why else []
-                pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
-            return replace(look(job, bool(ran)), ran=tuple(ran)), pending
-    except NearliftError as refusal:
-        line = f"waiting: {str(refusal).splitlines()[0]}"
-        return Round(ran=tuple(ran), words=line, refused=str(refusal)), isinstance(refusal, Busy)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from nearlift.run.engine import Job, Option, Outcome, Stage, StageQuestion
+import click
+
+from nearlift.run.engine import Job, Outcome, Stage
 from nearlift.run.tables import Product, real, text
 from nearlift.stages.diagnose import DIAGNOSIS, quoted_lifts
 from nearlift.stages.fit import FIT, RESULTS
@@ -65,28 +67,24 @@ STAGE = Stage(
     writes=PROXIMITY_PRODUCTS,
     sections=("vehicle", "rig", "detect"),
     where="detect",
-    question=StageQuestion(
-        example="--boundary ground --ratio 1.12 --u '1 percent'",
-        options=(
-            Option(
-                flag="--boundary",
-                choices=("ground", "ceiling", "sidewall"),
-                help="Instead of the stage: where is it, by this reading?",
-            ),
-            Option(flag="--ratio", real=True, help="Lift over lift far away."),
-            Option(
-                flag="--throttle", help='Throttle at which the vehicle hovers, e.g. "55 percent".'
-            ),
-            Option(
-                flag="--u",
-                help='Standard uncertainty of the ratio or the throttle, e.g. "1 percent".',
-            ),
-            Option(flag="--weight-u", help="Relative standard uncertainty of the weight."),
-            Option(flag="--supply-u", help="Relative standard uncertainty of the supply voltage."),
-            Option(
-                flag="--mass",
-                help='Mass with payload, e.g. "29 g"; the vehicle\'s if not given.',
-            ),
+    question=(
+        click.Option(
+            ["--boundary"],
+            type=click.Choice(("ground", "ceiling", "sidewall")),
+            help="Instead of the stage: where is it, by this reading?",
+        ),
+        click.Option(["--ratio"], type=float, help="Lift over lift far away."),
+        click.Option(
+            ["--throttle"], help='Throttle at which the vehicle hovers, e.g. "55 percent".'
+        ),
+        click.Option(
+            ["--u"], help='Standard uncertainty of the ratio or the throttle, e.g. "1 percent".'
+        ),
+        click.Option(["--weight-u"], help="Relative standard uncertainty of the weight."),
+        click.Option(["--supply-u"], help="Relative standard uncertainty of the supply voltage."),
+        click.Option(
+            ["--mass"], help='Mass with payload, e.g. "29 g"; the vehicle\'s if not given.'
         ),
     ),
+    example="--boundary ground --ratio 1.12 --u '1 percent'",
 )

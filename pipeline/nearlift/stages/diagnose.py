@@ -6,9 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from nearlift.errors import NotConverged
 from nearlift.run import tables
-from nearlift.run.engine import Job, Option, Outcome, Say, Stage, StageQuestion, subprogress
+from nearlift.run.engine import Job, Outcome, Say, Stage, subprogress
 from nearlift.run.tables import Product, real, text
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.flow import DOWNWASH
@@ -159,17 +161,15 @@ STAGE = Stage(
     reads=(TRIALS, FIT, DOWNWASH),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
-    question=StageQuestion(
-        example="--explain supply_sag",
-        options=(
-            Option(
-                flag="--explain",
-                metavar="EFFECT",
-                help=(
-                    "Instead: one effect, what it is, what this campaign could see of it, and what"
-                    " it is confused with."
-                ),
+    question=(
+        click.Option(
+            ["--explain"],
+            metavar="EFFECT",
+            help=(
+                "Instead: one effect, what it is, what this campaign could see of it, and what"
+                " it is confused with."
             ),
         ),
     ),
+    example="--explain supply_sag",
 )

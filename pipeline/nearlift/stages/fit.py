@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import click
+
 from nearlift.errors import InputRefused
 from nearlift.run import tables
-from nearlift.run.engine import Job, Option, Outcome, Stage, subprogress
+from nearlift.run.engine import Job, Outcome, Stage, subprogress
 from nearlift.run.tables import Product, integer, real, text
 from nearlift.stages.ingest import TRIALS
 
@@ -143,9 +145,9 @@ STAGE = Stage(
     writes=(FIT, PROFILES, POSTERIOR, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit"),
     options=(
-        Option(
-            flag="--ess",
-            limits=(100, 1_000_000),
+        click.Option(
+            ["--ess"],
+            type=click.IntRange(100, 1_000_000),
             help="Effective draws, instead of the manifest's [fit] ess, this once.",
         ),
     ),

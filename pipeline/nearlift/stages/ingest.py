@@ -6,8 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nearlift.run.engine import Job, Outcome, Stage
-from nearlift.run.raw_files import Inputs
+from nearlift.run.engine import Inputs, Job, Outcome, Stage
 from nearlift.run.tables import Product, integer, real, text
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nearlift.run.engine import Job, Outcome, Stage
-from nearlift.run.raw_files import Inputs
+from nearlift.run.engine import Inputs, Job, Outcome, Stage
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
