@@ -178,7 +178,8 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
     compared = CampaignComparison(shared=tuple(shared), groups=grouped(listed, shared))
     target = out / "reports" / FOLDER
     rows = forest.table(compared)
-    for kind, drawn in for_print(forest.draw, rows).items():
+    files = for_print(forest.draw, rows)
+    for kind, drawn in files.items():
         tables.write_whole(target / f"forest.{kind}", drawn)
     said = [
         f"{group.boundary.capitalize()}, {group.coefficient}: {remark}"
@@ -193,7 +194,8 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
     claims: dict[tuple[str, str], str] = {
         (c.campaign, g.boundary): c.claim for g in compared.groups for c in g.campaigns
     }
-    tables.write_whole(target / "index.html", comparison.page(rows, reported, said, claims))
+    page = comparison.page(rows, files["png"], reported, said, claims)
+    tables.write_whole(target / "index.html", page)
     tables.write_whole(target / "comparison.json", tables.json_bytes(compared))
     return compared
 

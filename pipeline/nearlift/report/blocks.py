@@ -1,4 +1,4 @@
-"""Parts of a chapter as HTML: paragraphs, lists, folds and tables, numbers with their sources.
+"""Parts of a chapter as HTML: paragraphs, lists, folds and tables.
 
 Values are escaped unless they are HTML themselves; texts are those of the package.
 """
@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-import pandas as pd
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
-from nearlift.report import tables
+from nearlift.report.phrases import typeset
 
 
 def join(*parts: Markup | str) -> Markup:
@@ -21,12 +20,17 @@ def join(*parts: Markup | str) -> Markup:
 def paragraph(text: str, *values: object, note: bool = False) -> Markup:
     """A paragraph with values in place of ``{}``."""
     kind = Markup(' class="note"') if note else ""
-    return Markup("<p{}>{}</p>").format(kind, Markup(text).format(*values))
+    return Markup("<p{}>{}</p>").format(kind, Markup(text).format(*map(shown, values)))
+
+
+def shown(value: object) -> Markup:
+    """A value as the page has it: HTML as it is, text typeset."""
+    return escape(value) if hasattr(value, "__html__") else typeset(str(value))
 
 
 def bold(text: str) -> Markup:
     """Text that leads a paragraph."""
-    return Markup("<strong>{}</strong>").format(tables.typeset(text))
+    return Markup("<strong>{}</strong>").format(typeset(text))
 
 
 def span(text: str, *values: object) -> Markup:
@@ -46,40 +50,49 @@ def heading(text: str) -> Markup:
 
 def items(lines: Iterable[object], kind: str = "notes") -> Markup:
     """List of sentences; empty without any."""
-    text = Markup("").join(Markup("<li>{}</li>").format(line) for line in lines)
+    text = Markup("").join(Markup("<li>{}</li>").format(shown(line)) for line in lines)
     return Markup('<ul class="{}">{}</ul>').format(kind, text) if text else Markup("")
 
 
 def fold(summary: object, *parts: Markup | str, opened: bool = False) -> Markup:
-    """Parts behind a summary, folded unless `opened`."""
+    """Parts behind a summary, folded unless `opened`; empty without parts."""
+    within = join(*parts)
     state = Markup(" open") if opened else ""
-    text = "<details{}><summary>{}</summary>\n{}</details>"
-    return Markup(text).format(state, summary, join(*parts))
+    text = Markup("<details{}><summary>{}</summary>\n{}</details>")
+    return text.format(state, shown(summary), within) if within else within
 
 
 def table(
     caption: object,
     heads: Sequence[str],
-    rows: Sequence[Sequence[object]],
+    rows: Iterable[Sequence[object]],
     hidden: bool = False,
     source: str = "",
 ) -> Markup:
     """Table of rows of cells; empty without rows. In a short row the last cell extends over the
-    columns that are missing. The caption is `hidden` where a summary says it;
-    `source` is the product of all cells.
+    columns that are missing. A `hidden` caption is for screen readers; `source` is the product of
+    all cells.
     """
-    if not rows:
+    lines = [_row(row, len(heads)) for row in rows]
+    if not lines:
         return Markup("")
-    frame = pd.DataFrame(
-        [tables.spread(row, len(heads)) for row in rows],
-        columns=[*map(str, range(len(heads)))],
-        dtype=object,
+    kind = Markup(' class="hidden"') if hidden else ""
+    of = Markup(' data-source="{}"').format(source) if source else ""
+    columns = Markup("").join(Markup('<th scope="col">{}</th>').format(shown(h)) for h in heads)
+    return Markup(
+        '<div class="wide"><table><caption{}>{}</caption><thead><tr>{}</tr></thead>'
+        "<tbody{}>{}</tbody></table></div>"
+    ).format(kind, shown(caption), columns, of, Markup("\n").join(lines))
+
+
+def _row(row: Sequence[object], n: int) -> Markup:
+    first, *cells = map(shown, row)
+    wide = Markup(' colspan="{}"').format(n - len(cells)) if cells and len(cells) < n - 1 else ""
+    spans = ["" for _ in cells[:-1]] + [wide]
+    text = Markup("").join(
+        Markup("<td{}>{}</td>").format(s, c) for s, c in zip(spans, cells, strict=False)
     )
-    shown = dict(zip(map(str, range(len(heads))), heads, strict=True))
-    whole = tables.Table(caption="", frame=frame, shown=shown)
-    text = tables.html(whole, Markup("{}").format(caption), hidden)
-    body = Markup('<tbody data-source="{}">').format(source)
-    return text.replace(Markup("<tbody>"), body) if source else text
+    return Markup('<tr><th scope="row">{}</th>{}</tr>').format(first, text)
 
 
 def figure(name: str) -> Markup:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,16 +17,11 @@ import pandas as pd
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
-from nearlift.nomenclature import VERDICTS, letter
-from nearlift.reduction.quality import rejected
-from nearlift.report.evidence import Evidence, pick, where
+from nearlift.report.evidence import Evidence, pick, records
 from nearlift.report.figures.fig2 import force_unit
 from nearlift.report.figures.fig2 import table as fig2_table
-from nearlift.report.figures.forest import interval
-from nearlift.report.figures.residuals import residuals as trial_residuals
 from nearlift.report.figures.residuals import table as residual_table
 from nearlift.rounding import plain, plus_minus
-from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
 
 Spec = dict[str, Any]
@@ -38,11 +32,33 @@ MOST_DOTS = 1000
 #: More throttles than this share a ramp of colours, and have no legend.
 MOST_COLOURS = 6
 SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross")
+DASHES = ([1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4])
 TEXT, SOFT, PAPER, RULE = "var(--text)", "var(--soft)", "var(--paper)", "var(--rule)"
-WORDS = {
-    "throttle_percent": "throttle (%)",
-    "run_order": "run order",
-    "z_hat": "distance ẑ",
+WORDS = {"throttle_percent": "throttle (%)", "run_order": "run order", "z_hat": "distance ẑ"}
+#: Columns of a cell that its tooltip and description show.
+CELL = {"label": "throttle", "at": "ẑ", "delta": "ΔL", "force": "lift", "trials": "trials"}
+AXIS = {
+    "labelColor": TEXT,
+    "titleColor": TEXT,
+    "domainColor": RULE,
+    "tickColor": RULE,
+    "gridColor": RULE,
+    "gridOpacity": 0.35,
+    "labelFontSize": 12,
+    "titleFontSize": 13,
+    "titleFontWeight": "normal",
+    "tickCount": 6,
+}
+LEGEND = {
+    "labelColor": TEXT,
+    "titleColor": TEXT,
+    "labelFontSize": 12,
+    "labelLimit": 260,
+    "orient": "bottom",
+    "symbolSize": 70,
+    "padding": 2,
+    "title": None,
+    "layout": {"bottom": {"direction": "vertical", "anchor": "start"}},
 }
 
 
@@ -67,45 +83,31 @@ def embedded(charts: Sequence[Chart]) -> str:
     return text
 
 
-def _altair() -> Any:
-    import altair
-
-    altair.data_transformers.disable_max_rows()
-    return altair
-
-
-def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    return table.map(
-        lambda v: float(f"{v:.{DIGITS}g}") if isinstance(v, float) and math.isfinite(v) else v
+def _data(alt: Any, table: pd.DataFrame) -> Any:
+    """A chart of these rows, rounded."""
+    return alt.Chart(
+        table.map(
+            lambda v: float(f"{v:.{DIGITS}g}") if isinstance(v, float) and math.isfinite(v) else v
+        )
     )
 
 
 def _finished(chart: Any, description: str, height: int) -> Spec:
     """The specification, as wide as its place, in the page's colours."""
-    axis = {
-        "labelColor": TEXT,
-        "titleColor": TEXT,
-        "domainColor": RULE,
-        "tickColor": RULE,
-        "gridColor": RULE,
-        "gridOpacity": 0.35,
-        "labelFontSize": 12,
-        "titleFontSize": 13,
-        "titleFontWeight": "normal",
-        "tickCount": 6,
-    }
-    legend = {"labelColor": TEXT, "titleColor": TEXT, "labelFontSize": 12, "labelLimit": 260}
-    chart = (
-        chart.properties(width="container", height=height, description=description, padding=4)
-        .configure(font="system-ui, sans-serif", background="transparent")
-        .configure_axis(**axis)
-        .configure_legend(orient="bottom", symbolSize=70, padding=2, title=None, **legend)
-        .configure_view(stroke=RULE)
-    )
-    spec: Spec = chart.to_dict(validate=False)
+    spec: Spec = chart.properties(
+        width="container", height=height, description=description, padding=4
+    ).to_dict(validate=False)
     del spec["$schema"]  # an address, which the page has no use for
-    spec["config"]["legend"]["layout"] = {"bottom": {"direction": "vertical", "anchor": "start"}}
+    look = {"font": "system-ui, sans-serif", "background": "transparent", "view": {"stroke": RULE}}
+    spec["config"] = {**look, "axis": AXIS, "legend": LEGEND}
     return {**spec, "autosize": {"type": "fit-x", "contains": "padding"}}
+
+
+def _altair() -> Any:
+    import altair
+
+    altair.data_transformers.disable_max_rows()
+    return altair
 
 
 def _ramp(n: int) -> list[str]:
@@ -115,18 +117,45 @@ def _ramp(n: int) -> list[str]:
     return [f"color-mix(in oklab, var(--ramp0), var(--ramp1) {s:.0f}%)" for s in shares]
 
 
-# Figure 2
-
-
 def fig2(evidence: Evidence) -> Chart:
     """A view for each boundary; the legend shows and hides throttles."""
     table = fig2_table(evidence)
     views: dict[str, Spec] = {
-        b: _fig2_view(table[table["panel"] == b], cells(evidence, b), b)
+        b: _fig2_view(pick(table, panel=b), cells(evidence, table, b), b)
         for b in evidence.boundaries
-        if ((table["panel"] == b) & (table["kind"] == "data")).any()
+        if len(pick(table, panel=b, kind="data"))
     }
     return Chart(name="fig2", label="Lift change against distance", views=views, mark="cell")
+
+
+def cells(evidence: Evidence, table: pd.DataFrame, boundary: Boundary) -> pd.DataFrame:
+    """Points of Figure 2 at one boundary, with their lift and trials in words."""
+    lift = evidence.frame(LIFT, boundary=boundary).rename(columns={"throttle": "throttle_fraction"})
+    known = lift[["throttle_fraction", "z_hat", "lift_N", "u_lift_N", "n_trials"]]
+    points = pick(table, panel=boundary, kind="data").merge(
+        known, on=["throttle_fraction", "z_hat"], how="left"
+    )
+    levels = np.unique(points["throttle_fraction"]).tolist()
+    radius_mm = 1e3 * evidence.observations[boundary].radius_m
+    scale, unit = force_unit(evidence)
+    rows = []
+    for p in records(points):
+        z, delta, u = p.z_hat, p.delta_L_percent, p.u_delta_L_percent
+        row = {
+            "throttle": p.throttle_fraction,
+            "label": p.label,
+            "z_hat": z,
+            "delta_L_percent": delta,
+            "u": u if math.isfinite(u) else 0.0,
+            "area": max(90 - 15 * levels.index(p.throttle_fraction), 34),
+            "at": f"{plain(z)} ({plain(radius_mm * z, 3)} mm)",
+            "delta": f"{plus_minus(delta, u)} %",
+            "force": f"{plus_minus(scale * p.lift_N, scale * p.u_lift_N)} {unit}",
+            "trials": f"{plain(p.n_trials)} averaged",
+        }
+        shown = "; ".join(f"{title} {row[name]}" for name, title in CELL.items())
+        rows.append({**row, "words": f"{boundary}, {shown}"})
+    return pd.DataFrame(rows)
 
 
 def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec:
@@ -136,48 +165,39 @@ def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec
     shown = alt.selection_point(name="throttles", fields=["label"], bind="legend")
     x = alt.X("z_hat:Q", title="ẑ = distance / rotor radius").scale(type="log", nice=False)
     x = x.axis(format="~g", labelOverlap=True)
-    y = alt.Y("delta_L_percent:Q", title="ΔL (%)")
+    span = points["delta_L_percent"]
+    room = 0.05 * float(span.max() - span.min() or 1)
+    within = [float(span.min()) - room, float(span.max()) + room]
+    y = alt.Y("delta_L_percent:Q", title="ΔL (%)").scale(domain=within, nice=False)
     legend = alt.Legend(columns=4, title="throttle", symbolStrokeWidth=2) if few else None
-    scale = alt.Scale(domain=throttles, range=_ramp(len(throttles)))
-    stroke = alt.Stroke("label:N", scale=scale, legend=legend)
+    colours = alt.Scale(domain=throttles, range=_ramp(len(throttles)))
+    stroke = alt.Stroke("label:N", scale=colours, legend=legend)
     shapes = [*SHAPES][: len(throttles)] if few else ["circle"]
     lines = table[table["kind"].isin(("band", "least squares", "model"))]
     lines = lines.sort_values("kind", key=lambda k: k != "band", kind="stable")
     names = lines["label"].unique().tolist()
-    dashes = [[1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4]]
-    span = points["delta_L_percent"]
-    room = 0.05 * float(span.max() - span.min() or 1)
-    y = y.scale(domain=[float(span.min()) - room, float(span.max()) + room], nice=False)
     dash = alt.StrokeDash(
         "label:N",
-        scale=alt.Scale(domain=names, range=dashes[: len(names)]),
+        scale=alt.Scale(domain=names, range=list(DASHES[: len(names)])),
         legend=alt.Legend(columns=1, symbolType="stroke", symbolStrokeColor=TEXT, symbolSize=400),
     )
-    curve = alt.Chart(_rounded(lines))
-    band = _rounded(table[(table["kind"] == "band") & table["lo90_percent"].notna()])
-    overlays = _rounded(table[table["kind"] == "overlay"])
-    dots = alt.Chart(_rounded(points)).transform_filter(shown)
+    band = table[(table["kind"] == "band") & table["lo90_percent"].notna()]
+    dots = _data(alt, points).transform_filter(shown)
     layers = [
-        alt.Chart(band)
+        _data(alt, band)
         .mark_area(opacity=0.3, color=SOFT, clip=True, aria=False)
         .encode(x=x, y=alt.Y("lo90_percent:Q"), y2="hi90_percent:Q"),
-        curve.mark_line(clip=True, aria=False, strokeWidth=1.5, color=TEXT).encode(
-            x=x, y=y, strokeDash=dash
-        ),
+        _data(alt, lines)
+        .mark_line(clip=True, aria=False, strokeWidth=1.5, color=TEXT)
+        .encode(x=x, y=y, strokeDash=dash),
         dots.transform_calculate(
             low="datum.delta_L_percent - datum.u", high="datum.delta_L_percent + datum.u"
         )
         .mark_rule(clip=True, aria=False)
         .encode(x=x, y=alt.Y("low:Q"), y2="high:Q", stroke=stroke),
-        *(
-            [
-                alt.Chart(overlays)
-                .mark_point(shape="cross", color=SOFT, clip=True)
-                .encode(x=x, y=y, tooltip=["label", "z_hat", "delta_L_percent"])
-            ]
-            if len(overlays)
-            else []
-        ),
+        _data(alt, pick(table, kind="overlay"))
+        .mark_point(shape="cross", color=SOFT, clip=True)
+        .encode(x=x, y=y, tooltip=["label", "z_hat", "delta_L_percent"]),
         dots.mark_point(
             fill=PAPER, fillOpacity=1, strokeWidth=1.7, opacity=1, ariaRoleDescription="cell"
         )
@@ -190,7 +210,7 @@ def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec
             ),
             size=alt.Size("area:Q", scale=None, legend=None),
             description="words:N",
-            tooltip=[alt.Tooltip(f"{n}:N", title=t) for n, t in TOOLTIP.items()],
+            tooltip=[alt.Tooltip(f"{n}:N", title=t) for n, t in CELL.items()],
         )
         .add_params(shown),
     ]
@@ -198,73 +218,13 @@ def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec
     return _finished(chart, f"Lift change near the {boundary} against distance", 240)
 
 
-TOOLTIP = {
-    "label": "throttle",
-    "at": "ẑ",
-    "delta": "ΔL",
-    "force": "lift",
-    "trials": "trials",
-    "quality": "quality",
-}
-
-
-def cells(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
-    """Points of Figure 2 at one boundary, with their trials and quality in words."""
-    lift, trials = (where(evidence.table(p), boundary=boundary) for p in (LIFT, TRIALS))
-    scale, unit = force_unit(evidence)
-    table = pick(fig2_table(evidence), panel=boundary, kind="data")
-    cell = {(t, z): i for i, (t, z) in enumerate(zip(lift["throttle"], lift["z_hat"], strict=True))}
-    data, throttles = evidence.observations[boundary], np.asarray(trials["throttle"], dtype=float)
-    if data.curve is not None:
-        known = np.array(data.curve.shown)
-        throttles = known[data.curve.nearest(throttles)]
-    levels, out = np.unique(table["throttle_fraction"]).tolist(), rejected(trials["quality"])
-    rows = []
-    for i, (throttle, z) in enumerate(
-        zip(table["throttle_fraction"].tolist(), table["z_hat"].tolist(), strict=True)
-    ):
-        mine = (trials["z_hat"] == z) & (throttles == throttle)
-        codes = Counter(" ".join(trials["quality"][mine].tolist()).split())
-        names = trials["trial"][mine & ~out].tolist()
-        lost = int((mine & out).sum())
-        at = cell.get((throttle, z))
-        u = float(table["u_delta_L_percent"][i])
-        delta = float(table["delta_L_percent"][i])
-        lift_N, u_lift_N = (
-            (math.nan, math.nan) if at is None else (lift["lift_N"][at], lift["u_lift_N"][at])
-        )
-        row: dict[str, Any] = {
-            "throttle": throttle,
-            "label": str(table["label"][i]),
-            "z_hat": z,
-            "delta_L_percent": delta,
-            "u": u if math.isfinite(u) else 0.0,
-            "area": max(90 - 15 * levels.index(throttle), 34),
-            "at": f"{plain(z)} ({plain(1e3 * z * data.radius_m, 3)} mm)",
-            "delta": f"{plus_minus(delta, u)} %"
-            if u > 0
-            else "0, by construction: L∞ is taken here",
-            "force": f"{plus_minus(scale * lift_N, scale * u_lift_N)} {unit}",
-            "trials": f"{len(names)} averaged: {', '.join(names[:6])}"
-            + f" and {len(names) - 6} more" * (len(names) > 6)
-            + f"; {lost} rejected" * (lost > 0),
-            "quality": ", ".join(f"{c} {n}" for c, n in sorted(codes.items())) or "good",
-        }
-        row["words"] = f"{boundary}, " + "; ".join(f"{t} {row[n]}" for n, t in TOOLTIP.items())
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-# residuals
-
-
 def residuals(evidence: Evidence) -> Chart:
     """A view for each boundary: every trial against the covariate that the reader chooses."""
     table = residual_table(evidence, every=True)
     views: dict[str, Spec] = {
-        b: _residual_view(evidence, b, table[table["panel"] == b])
+        b: _residual_view(pick(table, panel=b), b)
         for b in evidence.boundaries
-        if (table["panel"] == b).any()
+        if len(pick(table, panel=b))
     }
     return Chart(name="residuals", label="Residuals of every trial", views=views, mark="mean")
 
@@ -281,7 +241,7 @@ def word(covariate: str) -> str:
     return name if unit in ("", "1") else f"{name} ({unit})"
 
 
-def _residual_view(evidence: Evidence, boundary: Boundary, table: pd.DataFrame) -> Spec:
+def _residual_view(table: pd.DataFrame, boundary: str) -> Spec:
     alt = _altair()
     names = {c: word(c) for c in table["covariate"].unique()}
     against = alt.param(
@@ -292,15 +252,13 @@ def _residual_view(evidence: Evidence, boundary: Boundary, table: pd.DataFrame) 
     # distances are spread evenly by their logarithm, and labelled as they are
     logarithm = table["covariate"] == "z_hat"
     table = table.assign(x=table["x"].mask(logarithm, np.log10(table["x"].where(logarithm))))
-    chosen = alt.Chart(_rounded(table[table["kind"] != "trial"])).transform_filter(
+    chosen = _data(alt, table[table["kind"] != "trial"]).transform_filter(
         "datum.covariate == against"
     )
     x = alt.X("x:Q", title=None).scale(zero=False, nice=False, padding=10)
     x = x.axis(labelExpr="against == 'z_hat' ? format(pow(10, datum.value), '.2~g') : datum.label")
     y = alt.Y("residual_percent:Q", title="residual (%)")
-    dots = alt.Chart(_rounded(_dots(evidence, boundary, table))).transform_calculate(
-        x="datum[against]"
-    )
+    dots = _data(alt, _dots(pick(table, kind="trial"))).transform_calculate(x="datum[against]")
     bars = chosen.transform_filter("datum.kind == 'bin'").transform_calculate(
         low="datum.residual_percent - datum.u_residual_percent",
         high="datum.residual_percent + datum.u_residual_percent",
@@ -310,101 +268,32 @@ def _residual_view(evidence: Evidence, boundary: Boundary, table: pd.DataFrame) 
             " format(datum.u_residual_percent, '.3f') + ' %'"
         ),
     )
-    chart = alt.layer(
+    tooltip = ["trial", alt.Tooltip("residual_percent:Q", format=".2f")]
+    hollow: Any = {"fill": PAPER, "stroke": TEXT, "fillOpacity": 1, "opacity": 1}
+    layers = [
         chosen.transform_filter("datum.kind == 'noise'")
         .transform_calculate(below="-datum.u_residual_percent")
         .mark_area(interpolate="step", color=SOFT, opacity=0.25, aria=False)
         .encode(x=x, y=alt.Y("below:Q"), y2="u_residual_percent:Q"),
         dots.mark_circle(
             size=26, opacity=0.55, color="var(--s0)", ariaRoleDescription="trial"
-        ).encode(
-            x=x,
-            y=y,
-            tooltip=["trial", "throttle", alt.Tooltip("residual_percent:Q", format=".2f")],
-        ),
+        ).encode(x=x, y=y, tooltip=tooltip),
         bars.mark_rule(strokeWidth=1.6, color=TEXT, aria=False).encode(
             x=x, y=alt.Y("low:Q"), y2="high:Q"
         ),
-        bars.mark_point(
-            fill=PAPER,
-            stroke=TEXT,
-            fillOpacity=1,
-            opacity=1,
-            strokeWidth=1.7,
-            size=60,
-            ariaRoleDescription="mean",
-        ).encode(x=x, y=y, description="words:N", tooltip=[alt.Tooltip("words:N", title="mean")]),
-    ).add_params(against)
+        bars.mark_point(**hollow, strokeWidth=1.7, size=60, ariaRoleDescription="mean").encode(
+            x=x, y=y, description="words:N", tooltip=[alt.Tooltip("words:N", title="mean")]
+        ),
+    ]
+    chart = alt.layer(*layers).add_params(against)
     return _finished(chart, f"Residuals near the {boundary}", 260)
 
 
-def _dots(evidence: Evidence, boundary: Boundary, table: pd.DataFrame) -> pd.DataFrame:
-    """Trials with a column for each covariate."""
-    data = trial_residuals(evidence, boundary).data
-    rows = table[table["kind"] == "trial"]
-    wide = rows.pivot(index="trial", columns="covariate", values="x")
-    keep = np.unique(np.linspace(0, data.n - 1, min(data.n, MOST_DOTS)).round().astype(int))
-    wide = wide.reindex(data.trial[keep])
-    first = rows.drop_duplicates("trial").set_index("trial")["residual_percent"]
-    return wide.assign(
-        residual_percent=first.reindex(wide.index),
-        throttle=[f"{100 * t:.3g} %" for t in data.throttle[keep]],
-    ).reset_index(names="trial")
-
-
-# campaigns compared
-
-
-def forest(table: pd.DataFrame) -> Chart:
-    """A view for each coefficient: a line for each campaign, the population beneath."""
-    groups: Any = table.groupby(["panel", "coefficient"], sort=False)
-    views = {f"{b}: {letter(c)}": _forest_view(rows, b, c) for (b, c), rows in groups}
-    return Chart(name="forest", label="One coefficient over campaigns", views=views, mark="line")
-
-
-def _forest_view(rows: pd.DataFrame, boundary: str, coefficient: str) -> Spec:
-    alt = _altair()
-    unit = str(rows["unit"].iloc[0])
-    name = letter(coefficient)
-    known: Any = rows.to_dict("list")
-    judged = [VERDICTS.get(v, "") for v in known["verdict"]]
-    ends = (known[end] for end in ("value", "lo90", "hi90"))
-    values = [interval(*numbers) for numbers in zip(*ends, strict=True)]
-    words = [
-        f"{label}: {name} = {value}" + f"; {verdict}" * bool(verdict)
-        for label, value, verdict in zip(known["label"], values, judged, strict=True)
-    ]
-    rows = rows.assign(words=words, text=values, judged=judged)
-    title = name if unit in ("", "1") else f"{name} ({unit})"
-    x = alt.X("value:Q", title=title).scale(zero=False)
-    y = alt.Y("label:N", title=None, sort=None).axis(labelLimit=220)
-    colour = alt.condition(
-        "datum.kind == 'campaign'", alt.value("var(--s0)"), alt.value("var(--s1)")
-    )
-    base = alt.Chart(_rounded(rows))
-    chart = alt.layer(
-        base.transform_filter("datum.kind == 'population'")
-        .mark_rect(color=SOFT, opacity=0.2, aria=False)
-        .encode(x=alt.X("lo90:Q"), x2="hi90:Q"),
-        base.mark_rule(strokeWidth=2, aria=False).encode(
-            x=alt.X("lo90:Q"), x2="hi90:Q", y=y, color=colour
-        ),
-        base.mark_point(filled=True, size=80, opacity=1, ariaRoleDescription="line").encode(
-            x=x,
-            y=y,
-            color=colour,
-            description="words:N",
-            tooltip=[
-                alt.Tooltip(f"{n}:N", title=t)
-                for n, t in (
-                    ("label", "campaign"),
-                    ("vehicle", "vehicle"),
-                    ("text", "value, 90 %"),
-                    ("judged", "verdict"),
-                )
-            ],
-        ),
-    )
-    return _finished(
-        chart, f"{name} near the {boundary}, campaign by campaign", 30 * len(rows) + 10
-    )
+def _dots(trials: pd.DataFrame) -> pd.DataFrame:
+    """Trials with a column for each covariate, not more than `MOST_DOTS`."""
+    wide = trials.pivot(index="trial", columns="covariate", values="x")
+    first = trials.drop_duplicates("trial").set_index("trial")["residual_percent"]
+    wide = wide.reindex(first.index).assign(residual_percent=first)
+    n = len(wide)
+    keep = np.unique(np.linspace(0, n - 1, min(n, MOST_DOTS)).round().astype(int))
+    return wide.iloc[keep].reset_index(names="trial")

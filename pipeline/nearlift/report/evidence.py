@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,6 @@ from nearlift.stages.simulate import SAFETY
 if TYPE_CHECKING:
     from nearlift.flight.safety_result import SafetyResult
     from nearlift.report.curves import Curve
-    from nearlift.report.trial_table import TrialTable
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Columns = dict[str, NDArray[Any]]
@@ -74,8 +73,6 @@ class Evidence:
     seed : int
     reported : mapping of str to Reported
         Headline of the last report by boundary; empty where this is the first.
-    trial_table : callable or None
-        Makes the trial table, which takes some refits; None where no page is made.
     curves : dict of (Boundary, bytes) to Curve
         Base curves that were drawn, by boundary and the bytes of their distances.
     """
@@ -90,7 +87,6 @@ class Evidence:
     versions: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
     reported: Mapping[str, Reported] = field(default_factory=dict)
-    trial_table: Callable[[], TrialTable] | None = None
     curves: dict[tuple[Boundary, bytes], Curve] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

@@ -1,4 +1,4 @@
-"""Numbers that know where they came from."""
+"""Numbers of the page, each with its product and key."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.report.evidence import Evidence
-from nearlift.report.phrases import LEAST_P, is_even
+from nearlift.report.phrases import LEAST_P, is_even, typeset
 from nearlift.rounding import fixed, like, plain
 from nearlift.run.tables import Product
 from nearlift.stages.fit import RESULTS
@@ -44,47 +44,35 @@ class Number:
     source: str
     how: str = ""
 
-    @property
-    def exact(self) -> str:
-        """The value in full, as HTML's `data` element wants it."""
-        return repr(self.value) if math.isfinite(self.value) else ""
-
     def __html__(self) -> Markup:
-        """The number with its source, as the page shows it."""
+        """The number with its source; the text alone where it has no value."""
+        if not math.isfinite(self.value):
+            return escape(self.text)
         how = Markup(' data-how="{}"').format(self.how) if self.how else ""
         return Markup('<data value="{}" data-source="{}"{}>{}</data>').format(
-            self.exact, self.source, how, self.text
+            repr(self.value), self.source, how, self.text
         )
-
-
-def pointer(product: Product, *path: str | int) -> str:
-    """Product and JSON pointer (RFC 6901)."""
-    return f"{product.file}#" + "".join(
-        "/" + str(p).replace("~", "~0").replace("/", "~1") for p in path
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quoted:
     """An estimate as printed: value, standard uncertainty and 90 % interval, all with the same
-    decimals.
+    decimals; without `u` where ± would not describe the interval.
     """
 
     name: str
-    head: str
-    sub: str
     unit: str
     value: Number
     u: Number | None
-    lo90: Number
-    hi90: Number
+    interval: Markup
     at_bound: bool
 
     @property
     def symbol(self) -> Markup:
         """Letter with its index."""
-        index = Markup("<sub>{}</sub>").format(self.sub) if self.sub else ""
-        return Markup("<i>{}</i>{}").format(self.head, index)
+        head, _, sub = letter(self.name).partition("_")
+        index = Markup("<sub>{}</sub>").format(sub) if sub else ""
+        return Markup("<i>{}</i>{}").format(head, index)
 
     @property
     def estimate(self) -> Markup:
@@ -95,14 +83,14 @@ class Quoted:
         return Markup("{}{}{}{}").format(self.value, u, unit, bound)
 
     @property
-    def interval(self) -> Markup:
-        """Ends of the 90 % interval."""
-        return Markup("{} to {}").format(self.lo90, self.hi90)
+    def equation(self) -> Markup:
+        """``K_b = 2.06 ± 0.08``."""
+        return Markup("{} = {}").format(self.symbol, self.estimate)
 
     def __html__(self) -> Markup:
-        """``K_b = 2.06 ± 0.08 (90 %: 1.93 to 2.19)`` with sources."""
-        text = '{} = {} <span class="interval">(90 %: {})</span>'
-        return Markup(text).format(self.symbol, self.estimate, self.interval)
+        """``K_b = 2.06 ± 0.08 (90 %: 1.93 to 2.19)``."""
+        text = Markup('{} <span class="interval">(90 %: {})</span>')
+        return text.format(self.equation, self.interval)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +112,9 @@ class Place:
         return [place.at(k) for k in (range(len(within)) if isinstance(within, list) else within)]
 
     @property
-    def key(self) -> str | int:
-        """The last of its path."""
-        return self.path[-1]
+    def title(self) -> str:
+        """The last key of its path, with a capital."""
+        return str(self.path[-1]).capitalize()
 
     @property
     def content(self) -> Any:
@@ -142,8 +130,9 @@ class Place:
         return content
 
     def source(self, *path: str | int) -> str:
-        """Product and JSON pointer."""
-        return pointer(self.product, *self.path, *path)
+        """Product and JSON pointer (RFC 6901)."""
+        keys = (str(p).replace("~", "~0").replace("/", "~1") for p in (*self.path, *path))
+        return f"{self.product.file}#{''.join(f'/{key}' for key in keys)}"
 
     def number(
         self,
@@ -170,25 +159,15 @@ class Place:
         return Number(text=text, value=value, source=self.source(*path), how=how)
 
     def percent(
-        self,
-        *path: str | int,
-        digits: int = 4,
-        places: int | None = None,
-        how: str = "in percent",
+        self, *path: str | int, digits: int = 4, places: int | None = None, how: str = "in percent"
     ) -> Number:
         """A fraction in percent."""
         return self.number(*path, digits=digits, places=places, scale=100, how=how)
 
     def ends(self, *path: str | int, **kwargs: Any) -> Markup:
         """Ends of a 90 % interval."""
-        return Markup("{} to {}").format(
-            *(self.number(*path, end, **kwargs) for end in ("lo90", "hi90"))
-        )
-
-    def excess(self, *path: str | int, over: float, how: str) -> Number:
-        """By how much a number exceeds another, to one decimal."""
-        value = float(self.number(*path).value) - over
-        return Number(text=fixed(value, 1), value=value, source=self.source(*path), how=how)
+        low, high = (self.number(*path, end, **kwargs) for end in ("lo90", "hi90"))
+        return Markup("{} to {}").format(low, high)
 
     def quote(self, *path: str | int, name: str = "") -> Quoted:
         """An estimate: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`;
@@ -200,17 +179,12 @@ class Place:
         # an interval without `u` still says to how many digits its centre is known
         width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
         u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
-        name = name or str(place.path[-1])
-        head, _, sub = letter(name).partition("_")
         return Quoted(
-            name=name,
-            head=head,
-            sub=sub,
+            name=name or str(place.path[-1]),
             unit="" if entry.get("unit", "1") == "1" else entry["unit"],
             value=place.number("value", like_u=u),
             u=place.number("u", like_u=u) if "u" in known else None,
-            lo90=place.number("lo90", like_u=u),
-            hi90=place.number("hi90", like_u=u),
+            interval=place.ends(like_u=u),
             at_bound=bool(entry.get("at_bound")),
         )
 
@@ -218,19 +192,21 @@ class Place:
         """A p-value; below what any test here can mean, only its bound."""
         p = self.number(*path, digits=2)
         if p.value < LEAST_P:
-            return replace(p, text="< 10⁻¹²")
+            return replace(p, text="< 10⁻¹²", how="a bound")
         digits, _, exponent = p.text.partition("e")
         raised = f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
         return replace(p, text=raised)
 
-    def degrees(self, *path: str | int) -> Number | None:
-        """Degrees of freedom: one decimal below ten, where it matters; None where there is no end
-        to them.
-        """
+    def degrees(self, *path: str | int) -> Number:
+        """Degrees of freedom: one decimal below ten, where it matters; ∞ where they have no end."""
         dof = self.number(*path, places=0)
         if not math.isfinite(dof.value):
-            return None
+            return replace(dof, text="∞", value=math.inf)
         return dof if dof.value >= FEW else replace(dof, text=fixed(dof.value, 1))
+
+    def text(self, *path: str | int) -> Markup:
+        """A sentence of the product behind the boundary that it is about."""
+        return Markup("<strong>{}.</strong> {}").format(self.title, typeset(self.at(*path).content))
 
 
 def count(product: Product, value: int, how: str) -> Number:
@@ -239,13 +215,10 @@ def count(product: Product, value: int, how: str) -> Number:
 
 
 def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
-    """A coefficient as it is to be quoted: without u where ± would not
-    say the interval.
-    """
-    place = quotation(evidence, boundary, name)
-    coefficient = evidence.quoted(boundary).coefficients[name]
-    quoted = place.quote(name=name)
-    return quoted if is_even(coefficient) else replace(quoted, u=None)
+    """A coefficient as it is to be quoted."""
+    quoted = quotation(evidence, boundary, name).quote(name=name)
+    even = is_even(evidence.quoted(boundary).coefficients[name])
+    return quoted if even else replace(quoted, u=None)
 
 
 def quotation(evidence: Evidence, boundary: Boundary, name: str) -> Place:

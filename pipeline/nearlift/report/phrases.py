@@ -6,8 +6,10 @@ import math
 import re
 from collections.abc import Sequence
 
+from markupsafe import Markup, escape
+
 from nearlift.catalogue import titled
-from nearlift.nomenclature import letter, noun
+from nearlift.nomenclature import INDEXED, letter, noun
 from nearlift.results.diagnosis import BoundaryDiagnosis, ExplanationProbability
 from nearlift.results.estimate import Estimate
 from nearlift.results.quotation import (
@@ -60,6 +62,21 @@ def sentence(text: str) -> str:
     if re.match(r"[a-z]{2}", text):
         text = text[0].upper() + text[1:]
     return text if not text or text.endswith(".") else f"{text}."
+
+
+def spoken(text: str) -> str:
+    """A text of a product with titles for names and words for covariates; a percent sign stays with
+    its number.
+    """
+    text = re.sub(r"\b(?:alpha|gamma|lambda_)(?!\w)", lambda m: letter(m[0]), titled(text))
+    text = re.sub(r"\balong (\w+)", lambda m: f"along {along(m[1])}", text)
+    return text.replace("z_hat", "ẑ").replace(" %", "\N{NO-BREAK SPACE}%")
+
+
+def typeset(text: str) -> Markup:
+    """Spoken text as HTML, letters with their index as symbols and exponents raised."""
+    indexed = INDEXED.sub(r"<i>\1</i><sub>\2</sub>", str(escape(spoken(text))))
+    return Markup(re.sub(r"\^(−?\d[\d.]*\b)", r"<sup>\1</sup>", indexed))
 
 
 def along(covariate: str) -> str:

@@ -1,6 +1,6 @@
 """The chapters of index.html, in order, with their figures: the one list of what a report holds.
 
-A new figure is its file and its name here; a new chapter its file, its template and its entry.
+A new figure is its file and its name here; a new chapter its function and its entry.
 """
 
 from __future__ import annotations
@@ -8,22 +8,21 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
 
 from markupsafe import Markup
 
+from nearlift.report import blocks
 from nearlift.report import charts as interactive
 from nearlift.report.chapters import (
     assumptions,
     diagnosis,
-    doubts,
     flow,
     models,
-    posterior,
+    numbers,
     proximity,
     records,
     safety,
-    uncertainty,
     verdict,
 )
 from nearlift.report.charts import Chart
@@ -40,41 +39,43 @@ from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.simulate import SAFETY
 
+Facts = Callable[[Evidence], Markup | Mapping[str, object]]
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+
+@dataclass(frozen=True, slots=True)
 class Chapter:
     """One chapter. It is on the page when every product in `needs` exists.
 
     Attributes
     ----------
-    name, title : str
-        Anchor, and the template ``templates/<name>.html.j2`` of `facts`; heading.
-    facts : callable or None
-        Evidence to what the template prints; None where the chapter is its figures.
-    needs : tuple of Product
     part : str
         Of `PARTS`.
+    name, title : str
+        Anchor; heading.
+    facts : callable
+        Evidence to HTML, with a place for each figure; to a mapping for the template of the first
+        screen.
+    needs : tuple of Product
     figures : tuple of FigureSpec
-        Shown below the text, those that were made.
-    places : tuple of FigureSpec
-        Those whose chart the template itself places.
-    pictures : {"above", "beneath", "within"}
-        Position of the figures; within the text the template places each.
+        Those that it places.
     """
 
+    part: str
     name: str
     title: str
-    part: str = "further"
-    facts: Callable[[Evidence], Mapping[str, object] | Markup] | None = None
+    facts: Facts
     needs: tuple[Product, ...] = (FIT,)
     figures: tuple[FigureSpec, ...] = ()
-    places: tuple[FigureSpec, ...] = ()
-    pictures: Literal["above", "beneath", "within"] = "beneath"
 
 
 def _figures(*names: str) -> tuple[FigureSpec, ...]:
     """Figures that these modules declare."""
     return tuple(importlib.import_module(f"nearlift.report.figures.{n}").FIGURE for n in names)
+
+
+def _pictures(names: tuple[str, ...], evidence: Evidence) -> Markup:
+    """A chapter that is its figures."""
+    return blocks.join(*map(blocks.figure, names))
 
 
 def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
@@ -85,15 +86,14 @@ def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
     for stage in stages:
         if stage.chapter is None:
             continue
-        module, _, name = stage.chapter.facts.partition(":")
+        names = stage.chapter.figures
+        facts: Facts = partial(_pictures, names)
+        if stage.chapter.facts:
+            module, _, name = stage.chapter.facts.partition(":")
+            facts = getattr(importlib.import_module(module), name)
+        title = stage.chapter.title
         chapters.append(
-            Chapter(
-                name=stage.name,
-                title=stage.chapter.title,
-                facts=getattr(importlib.import_module(module), name) if module else None,
-                needs=stage.writes,
-                figures=_figures(*stage.chapter.figures),
-            )
+            Chapter("further", stage.name, title, facts, stage.writes, _figures(*names))
         )
     return tuple(chapters)
 
@@ -113,150 +113,59 @@ PARTS = {
 }
 
 CHAPTERS: tuple[Chapter, ...] = (
+    Chapter("verdict", "verdict", "Verdict", verdict.facts),
+    Chapter("why", "diagnosis", "Diagnosis", diagnosis.facts, (DIAGNOSIS,), _figures("diagnosis")),
+    Chapter("number", "doubts", "Doubts, and coefficients under other assumptions", numbers.doubts),
+    Chapter("number", "budget", "Uncertainty budget", numbers.budget, figures=_figures("budget")),
+    Chapter("number", "limits", "Degeneracies", numbers.limits, figures=_figures("profiles")),
     Chapter(
-        name="verdict",
-        title="Verdict",
-        part="verdict",
-        facts=verdict.facts,
-        places=_figures("fig2"),
+        "number",
+        "posterior",
+        "Posterior",
+        numbers.posterior,
+        (FIT, POSTERIOR),
+        _figures("corner"),
     ),
+    Chapter("number", "levels", "Lift far from the boundary", numbers.levels),
     Chapter(
-        name="diagnosis",
-        title="Diagnosis",
-        part="why",
-        facts=diagnosis.facts,
-        needs=(DIAGNOSIS,),
-        figures=_figures("diagnosis"),
-        pictures="above",
-    ),
-    Chapter(
-        name="doubts",
-        title="Doubts, and coefficients under other assumptions",
-        part="number",
-        facts=doubts.facts,
-    ),
-    Chapter(
-        name="budget",
-        title="Uncertainty budget",
-        part="number",
-        facts=uncertainty.budget,
-        figures=_figures("budget"),
-        pictures="above",
-    ),
-    Chapter(
-        name="limits",
-        title="Degeneracies",
-        part="number",
-        facts=uncertainty.limits,
-        figures=_figures("profiles"),
-    ),
-    Chapter(
-        name="posterior",
-        title="Posterior",
-        part="number",
-        facts=posterior.facts,
-        needs=(FIT, POSTERIOR),
-        figures=_figures("corner"),
-    ),
-    Chapter(
-        name="levels",
-        title="Lift far from the boundary",
-        part="number",
-        facts=models.levels,
-    ),
-    Chapter(
-        name="fig2",
-        title="Figure 2: lift change near each boundary",
-        part="data",
+        "data",
+        "fig2",
+        "Figure 2: lift change near each boundary",
+        partial(_pictures, ("fig2",)),
         figures=_figures("fig2"),
     ),
     Chapter(
-        name="residuals",
-        title="Residuals",
-        part="data",
-        needs=(FIT, TRIALS),
-        figures=_figures("residuals"),
+        "data",
+        "residuals",
+        "Residuals",
+        partial(_pictures, ("residuals",)),
+        (FIT, TRIALS),
+        _figures("residuals"),
     ),
+    Chapter("data", "noise", "Noise and stated uncertainty", numbers.noise),
+    Chapter("data", "quality", "Quality of trials", records.quality, (TRIALS, FIT)),
+    Chapter("data", "assumptions", "Assumptions behind Delta L", assumptions.facts),
+    Chapter("others", "models", "Models compared", models.facts),
     Chapter(
-        name="noise",
-        title="Noise and stated uncertainty",
-        part="data",
-        facts=models.noise,
+        "velocity",
+        "flow",
+        "Velocity fields and downwash",
+        flow.facts,
+        (FIT, *FLOW_PRODUCTS),
+        _figures("downwash", "fig3", "fig4", "fig5"),
     ),
+    Chapter("flight", "safety", "Safety", safety.facts, (SAFETY,), _figures("fig6", "safety")),
     Chapter(
-        name="quality",
-        title="Quality of trials",
-        part="data",
-        facts=records.quality,
-        needs=(TRIALS, FIT),
-    ),
-    Chapter(
-        name="trial_table",
-        title="Trial table and influence",
-        part="data",
-        facts=records.trial_table,
-        needs=(TRIALS, FIT),
-    ),
-    Chapter(
-        name="assumptions",
-        title="Assumptions behind Delta L",
-        part="data",
-        facts=assumptions.facts,
-    ),
-    Chapter(
-        name="models",
-        title="Models compared",
-        part="others",
-        facts=models.comparison,
-    ),
-    Chapter(
-        name="prediction",
-        title="Models compared by prediction",
-        part="others",
-        facts=uncertainty.held_out,
-    ),
-    Chapter(
-        name="flow",
-        title="Velocity fields and downwash",
-        part="velocity",
-        facts=flow.facts,
-        needs=(FIT, *FLOW_PRODUCTS),
-        figures=_figures("downwash", "fig3", "fig4", "fig5"),
-        pictures="within",
-    ),
-    Chapter(
-        name="safety",
-        title="Safety",
-        part="flight",
-        facts=safety.facts,
-        needs=(SAFETY,),
-        figures=_figures("fig6", "safety"),
-        pictures="within",
-    ),
-    Chapter(
-        name="proximity",
-        title="Proximity",
-        part="flight",
-        facts=proximity.facts,
-        needs=(DETECTION, PROXIMITY),
-        figures=_figures("detection"),
-        pictures="within",
+        "flight",
+        "proximity",
+        "Proximity",
+        proximity.facts,
+        (DETECTION, PROXIMITY),
+        _figures("detection"),
     ),
     *declared(STAGES),
-    Chapter(
-        name="methods",
-        title="Methods, for a paper",
-        part="paper",
-        facts=methods.facts,
-        needs=(TRIALS, FIT),
-    ),
-    Chapter(
-        name="provenance",
-        title="Provenance",
-        part="origin",
-        facts=records.provenance,
-        needs=(),
-    ),
+    Chapter("paper", "methods", "Methods, for a paper", methods.facts, (TRIALS, FIT)),
+    Chapter("origin", "provenance", "Provenance", records.provenance, ()),
 )
 
 FIGURES: tuple[FigureSpec, ...] = tuple(f for chapter in CHAPTERS for f in chapter.figures)

@@ -8,23 +8,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from csv import DictReader
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary
-from nearlift.nomenclature import INDEXED, VERDICTS, letter, mathematics
+from nearlift.nomenclature import VERDICTS, letter, mathematics
+from nearlift.report import blocks
 from nearlift.report.evidence import Evidence, Reported, Rows
 from nearlift.report.number import Number, Place, quotation
-from nearlift.report.phrases import SCALES, along, is_even
-from nearlift.results.document import Json
+from nearlift.report.phrases import SCALES, is_even
 from nearlift.results.quotation import BudgetLine
 from nearlift.stages.fit import FIT, RESULTS
 
@@ -48,9 +48,9 @@ SPECIAL = {
     "α": r"$\alpha$",
     "λ": r"$\lambda$",
 }
-#: Heads a cell over so many columns, and fills the others.
-SPAN, SPANNED = "<!--span {}-->", Markup("<!--spanned-->")
 DIGITS = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+#: Columns whose cells are symbols.
+SYMBOLS = ("parameter", "coefficient")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +63,12 @@ class Table:
     frame: pd.DataFrame
     shown: Mapping[str, str]
     main: Any = None
+
+    @property
+    def printed(self) -> pd.DataFrame:
+        """Rows and columns of page and paper."""
+        rows = self.frame if self.main is None else self.frame[self.main]
+        return rows[list(self.shown)].astype(object)
 
 
 def csv(table: pd.DataFrame | Rows) -> bytes:
@@ -85,41 +91,22 @@ def _cell(value: Any) -> str:
     return f"'{text}" if text.startswith(FORMULA) and not isinstance(value, int) else text
 
 
-def html(table: Table, heading: Markup | str | None = None, hidden: bool = False) -> Markup:
-    """The table as the page has it, each number with its product and key; a `hidden` caption is for
-    screen readers.
-    """
-    rows = table.frame if table.main is None else table.frame[table.main]
-    frame = pd.DataFrame(
-        {i: [_in_html(n, v) for v in rows[n]] for i, n in enumerate(table.shown)}, dtype=object
-    )
-    frame.columns = pd.Index([str(typeset(h)) for h in table.shown.values()])
-    with pd.option_context("display.max_colwidth", None):
-        text = frame.to_html(index=False, escape=False, border=0)
-    text = re.sub(r' (class="dataframe"|style="[^"]*")', "", text)
-    text = re.sub(r"\n\s*", "", text).replace("</tr>", "</tr>\n")
-    kind = Markup(' class="hidden"') if hidden else ""
-    caption = Markup("<caption{}>{}</caption>").format(kind, heading or table.caption)
-    text = re.sub(r"<tr>\s*<td>(.*?)</td>", r'<tr><th scope="row">\1</th>', text)
-    text = re.sub(r"<td><!--span (\d+)-->", r'<td colspan="\1">', text)
-    text = text.replace(f"<td>{SPANNED}</td>", "")
-    text = text.replace("<th>", '<th scope="col">').replace("<thead>", f"{caption}<thead>")
-    return Markup(f'<div class="wide">{text}</div>')
-
-
-def spread(row: Sequence[object], n: int) -> list[object]:
-    """A row of `n` cells whose last given cell extends over those that are missing."""
-    rest = n - len(row)
-    if not rest:
-        return [*row]
-    last = Markup(SPAN.format(rest + 1)) + typeset(str(row[-1]))
-    return [*row[:-1], last, *[SPANNED] * rest]
+def html(table: Table, heading: Markup | str) -> Markup:
+    """The table as the page has it, each number with its product and key."""
+    rows = table.printed
+    cells = [
+        [
+            v if hasattr(v, "__html__") else _word(n, v)
+            for n, v in zip(table.shown, row, strict=True)
+        ]
+        for row in rows.to_numpy()
+    ]
+    return blocks.table(heading, list(table.shown.values()), cells)
 
 
 def latex(table: Table, about: str) -> str:
     r"""The table for a paper; needs ``\usepackage{booktabs, siunitx}``."""
-    frame = table.frame if table.main is None else table.frame[table.main]
-    frame = frame[list(table.shown)].astype(object)
+    frame = table.printed
     style = frame.style.hide(axis="index")
     style = style.format({n: (lambda v, n=n: _in_latex(n, v)) for n in frame})  # type: ignore[misc]
     style.relabel_index([escaped(h) for h in table.shown.values()], axis="columns")
@@ -131,12 +118,6 @@ def latex(table: Table, about: str) -> str:
     return f"% {' '.join(about.split())}\n% \\usepackage{{booktabs, siunitx}}\n{text}"
 
 
-def _in_html(column: str, value: Any) -> str:
-    if isinstance(value, Number) and not math.isfinite(value.value):
-        return str(escape(value.text))
-    return str(escape(value) if hasattr(value, "__html__") else typeset(_word(column, value)))
-
-
 def _in_latex(column: str, value: Any) -> str:
     if isinstance(value, Number):
         return DIGITS.sub(lambda m: rf"\num{{{m[0]}}}", escaped(value.text.replace("−", "-")))
@@ -145,39 +126,20 @@ def _in_latex(column: str, value: Any) -> str:
     return escaped(_word(column, value))
 
 
-SYMBOLS = ("parameter", "coefficient")
-
-
 def _word(column: str, value: Any) -> str:
     """A cell that is no number, spelled out."""
     if column in SYMBOLS:
         return letter(str(value))
-    if column in ("model", "base_model") and value in {m.name for m in catalogue.models()}:
+    if column in ("model", "base_model"):
         return catalogue.model(str(value)).title
     if column == "verdict":
         return VERDICTS[value]
-    return catalogue.titled(str(value))
+    return titled(str(value))
 
 
 def escaped(text: str) -> str:
     """Text with nothing in it that LaTeX would act upon."""
     return "".join(SPECIAL.get(c, c) for c in text if c.isprintable())
-
-
-def spoken(text: str) -> str:
-    """A text of a product with titles for names and words for covariates; a percent sign stays with
-    its number.
-    """
-    text = re.sub(
-        r"\b(?:alpha|gamma|lambda_)(?!\w)", lambda m: letter(m[0]), catalogue.titled(text)
-    )
-    text = re.sub(r"\balong (\w+)", lambda m: f"along {along(m[1])}", text)
-    return text.replace("z_hat", "ẑ").replace(" %", "\N{NO-BREAK SPACE}%")
-
-
-def typeset(text: str) -> Markup:
-    """Spoken text as HTML, letters with their index as symbols."""
-    return Markup(INDEXED.sub(r"<i>\1</i><sub>\2</sub>", str(escape(spoken(text)))))
 
 
 # the tables that are files too
@@ -207,10 +169,7 @@ def coefficients(evidence: Evidence) -> Table:
             )
     return Table(
         caption=f"Coefficients to quote, from {RESULTS.file}; standard uncertainties (k = 1)",
-        frame=pd.DataFrame(
-            rows,
-            columns=[*DESCRIBED, *COEFFICIENT],
-        ),
+        frame=pd.DataFrame(rows, columns=[*DESCRIBED, *COEFFICIENT]),
         shown={
             "boundary": "boundary",
             "base_model": "model",
@@ -267,9 +226,9 @@ def budget(evidence: Evidence) -> Table:
             for i, line in sorted(enumerate(c.budget), key=lambda pair: pair[1].u_without):
                 main = line.kind != "A" or fall(line, c.u) >= MIN_FALL
                 rows.append(head | _source(place.at("budget", i), line) | {"main": main})
-            whole = {"source": "combined", "u": place.number("u", digits=3), "dof": _dof(place)}
+            whole = {"source": "combined", "u": place.number("u", digits=3)}
             known = {"u_without": Number(text="", value=0.0, source=place.source("u"))}
-            rows.append(head | whole | known | {"main": True})
+            rows.append(head | whole | known | {"dof": place.degrees("dof"), "main": True})
     frame = pd.DataFrame(rows, columns=[*BUDGET, "main"])
     text = [n for n in BUDGET if n not in ("u_input", "sensitivity")]
     frame[text] = frame[text].astype(object).where(frame[text].notna(), "")
@@ -309,7 +268,7 @@ def _source(place: Place, line: BudgetLine) -> dict[str, object]:
         "distribution": line.distribution,
         "scope": line.scope,
         **{k: place.number(k, digits=2) for k in ("u", "u_without")},
-        "dof": _dof(place),
+        "dof": place.degrees("dof"),
     }
     if line.u_input is not None and line.sensitivity is not None:
         size = place.number("u_input", digits=3, scale=scale, how=f"in {unit}")
@@ -319,22 +278,16 @@ def _source(place: Place, line: BudgetLine) -> dict[str, object]:
     return row
 
 
-def _dof(place: Place) -> Number:
-    endless = Number(text="∞", value=math.inf, source=place.source("dof"))
-    return place.degrees("dof") or endless
-
-
 def comparison(evidence: Evidence) -> Table:
     """Every model of each boundary, the best prediction first; `held_out_rmse` is in log lift, of
     visits predicted from all others.
     """
     rows = [
-        row
+        _score(evidence, b, name)
         for b, compared in evidence.fits.comparison.items()
         for name in sorted(
             compared.models, key=lambda n: -np.nan_to_num(compared.models[n].d_elpd, nan=-1e9)
         )
-        for row in [_score(evidence, b, name)]
     ]
     return Table(
         caption=f"Models compared by their prediction of visits left out, from {FIT.file}",
@@ -359,20 +312,15 @@ def _score(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, objec
     base, score = compared.models[compared.reference], compared.models[name]
     at = Place(evidence, FIT, ("comparison", boundary, "models", name))
     weighed = Place(evidence, FIT, ("boundaries", boundary, name, "log_evidence", "value"))
-    whole = score.visits == base.visits
-    over = {
-        key: replace(at.number(key), text=f"{own_value - base_value:.1f}".replace("-", "−"))
-        if whole and math.isfinite(own_value - base_value)
-        else replace(at.number(key), text="–")
-        for key, own_value, base_value in (
-            ("aic", score.aic, base.aic),
-            ("bic", score.bic, base.bic),
-        )
-    }
-    gain = fits[name].log_evidence_value - fits[compared.reference].log_evidence_value
-    evidence_of: Json = weighed.content
-    difference = f"{gain:.1f}".replace("-", "−") if math.isfinite(gain) else "–"
-    less = "less the base model's"
+    ln_z = [fits[n].log_evidence_value for n in (name, compared.reference)]
+
+    def less_base(number: Number, value: float, base: float) -> Number:
+        difference = value - base
+        text = f"{difference:.1f}".replace("-", "−") if math.isfinite(difference) else "–"
+        return replace(number, text=text, how="less the base model's")
+
+    # criteria of different trials are not comparable
+    same = score.visits == base.visits
     return {
         "boundary": boundary,
         "model": name,
@@ -386,11 +334,12 @@ def _score(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, objec
         "held_out_rmse": at.percent("rmse", places=3),
         "d_held_out_rmse": score.d_rmse,
         "u_d_held_out_rmse": score.u_d_rmse,
-        **{key: replace(number, how=less) for key, number in over.items()},
+        **{
+            key: less_base(at.number(key), getattr(score, key) if same else math.nan, value)
+            for key, value in (("aic", base.aic), ("bic", base.bic))
+        },
         "r2": at.number("r2", places=4),
-        "log_evidence": replace(weighed.number(), text=difference, how=less)
-        if evidence_of is not None
-        else Number(text="–", value=math.nan, source=weighed.source()),
+        "log_evidence": less_base(weighed.number(), *ln_z),
     }
 
 

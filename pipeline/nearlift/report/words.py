@@ -24,6 +24,7 @@ from nearlift.report.evidence import Evidence, Reported, pick
 from nearlift.report.figures import downwash
 from nearlift.report.phrases import (
     SCALES,
+    along,
     chance,
     dependence,
     explanation,
@@ -43,9 +44,10 @@ from nearlift.report.sources import (
 )
 from nearlift.report.tables import coefficients, csv, reported
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
+from nearlift.results.levels import LevelFit
 from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
-from nearlift.rounding import decimals, fixed, plain, plus_minus, signed
+from nearlift.rounding import decimals, fixed, like, plain, plus_minus, signed
 from nearlift.schedule import BY_NAME
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
@@ -68,6 +70,8 @@ INPUT_WORDS = {
 }
 #: Reasons of rejected trials that are listed.
 MAX_REASONS = 3
+#: An experiment of so many times the campaign's trials is not proposed.
+MOST_REPEATS = 10
 #: Change of lift whose distance is printed.
 SEEN = 0.02
 #: Inputs of the load cell in `[[uncertainty]] on`.
@@ -140,7 +144,7 @@ def briefs(evidence: Evidence) -> list[Brief]:
             verdict=verdict(evidence, b),
             quoted=(quoted := evidence.quoted(b)),
             omits=_omits(evidence, b),
-            error=_error(quoted, evidence.left_out),
+            error=error(quoted, evidence.left_out),
             sources=_sources(quoted),
             doubts=tuple(
                 d.text
@@ -235,7 +239,50 @@ def _not_distinguished(quoted: BoundaryResult, diagnosis: BoundaryDiagnosis | No
     return f" This design cannot distinguish it from {rivals_of(diagnosis)}." if rivals else ""
 
 
+def findings(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis) -> list[str]:
+    """Further findings of the loop at a boundary, a sentence or two each."""
+    quoted = evidence.quoted(boundary)
+    said = [diagnosis.look.text] if diagnosis.look else []
+    if held_out := error(quoted, evidence.left_out):
+        said.append(f"cross-validated error: {held_out}")
+    if diagnosis.error and (folds := diagnosis.error.chosen_in_folds):
+        named = {e.name for e in diagnosis.effects}
+        same = sum({part.strip() for part in c.split("+")} == named for c in folds)
+        said.append(
+            "repeated searches without the held-out trials gave the same answer in"
+            f" {same} of {len(folds)} folds"
+        )
+    if carried := diagnosis.coefficients.carried:
+        along_them = listed([along(c) for c in carried])
+        said.append(f"the intervals include an unexplained dependence on {along_them}")
+    if within := diagnosis.within_trial:
+        change = within.change_over_record
+        u = (change.hi90 - change.lo90) / 3.3
+        ends = (change.value, change.lo90, change.hi90)
+        value, low, high = (like(100 * x, 100 * u) for x in ends)
+        names = listed([titled(c) for c in within.candidates], "or")
+        cause = f", as by {names}" if within.significant and names else ""
+        said.append(f"within a record, lift changes by {value} % (90 %: {low} to {high}){cause}")
+    if could := diagnosis.sensitivity:
+        effects = listed([titled(e) for e in could.effects])
+        said.append(f"with {could.trials} trials only single effects were tested: {effects}")
+        said.append(f"they {titled(str(could))}")
+    said += [limit.text for limit in diagnosis.limits]
+    return [sentence(text) for text in said]
+
+
 # the number
+
+
+def level_curve(fit: LevelFit) -> str:
+    """Sentences on the curve of L_inf: its variables, degree and cross-validated error."""
+    curve = fit.curve
+    words = [along(name.rpartition("_")[0] or name) for name in curve.of]
+    errors = ", ".join(f"{100 * e:.2f} % (degree {d})" for d, e in fit.held_out.items())
+    return (
+        f"log L∞ is a polynomial of degree {curve.degree} in the logarithms of {listed(words)}."
+        f" Cross-validated error over visits: {errors}. The table is at the medians."
+    )
 
 
 def _omits(evidence: Evidence, boundary: Boundary) -> str:
@@ -253,7 +300,7 @@ def _omits(evidence: Evidence, boundary: Boundary) -> str:
     return f"Not included: {listed(words)}; no uncertainty is stated for {them}." if words else ""
 
 
-def _error(quoted: BoundaryResult, left_out: str) -> str:
+def error(quoted: BoundaryResult, left_out: str) -> str:
     """Cross-validated error before and after, in percent of lift."""
     error = quoted.error
     if error is None:
@@ -394,7 +441,7 @@ def doubts(evidence: Evidence) -> list[Reservation]:
     out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
     if out:
         trials = len(evidence.table(TRIALS)["quality"])
-        text = f"{out} of {trials} trials were left out. The trial table shows their influence."
+        text = f"{out} of {trials} trials were left out. Quality of trials lists them."
         every.append(Reservation(boundaries=(), text=text))
     if not components(evidence.campaign):
         text = "The manifest states no uncertainty shared by trials, so no interval includes any."
@@ -560,28 +607,36 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         if quoted.most_influential and quoted.most_influential[0] == "visit"
         else None
     )
-    if diagnosis and diagnosis.next_experiment:
+    n_trials = evidence.observations[boundary].n
+    asked = [n for n in diagnosis.next_experiment if is_feasible(n, n_trials)] if diagnosis else []
+    if diagnosis and asked:
         # the visit that the answer depends on comes first
-        ranked = sorted(
-            diagnosis.next_experiment, key=lambda n: (visit is None) != isinstance(n, NextSession)
-        )
+        ranked = sorted(asked, key=lambda n: (visit is None) != isinstance(n, NextSession))
         steps = [_proposal(n) for n in ranked[: 2 if visit else 1]]
         steps += _logging(diagnosis) if quoted.verdict == "unexplained" else []
         return " ".join(map(sentence, steps))
     steps = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
+    done: set[str] = set()
+    for pair in [n.separates for n in diagnosis.next_experiment[:1]] if diagnosis else []:
+        # no feasible session distinguishes them, but what one of them acts through may be logged
+        effects = [catalogue.effect(e) for e in dict.fromkeys(" + ".join(pair).split(" + "))]
+        columns = _unlogged([c for e in effects for c in e.log_next_time], evidence, boundary)
+        if columns:
+            steps.append(f"log {listed(columns)}, to distinguish {_against(pair)}")
+            done |= {*columns}
     if steps and evidence.observations[boundary].z_hat.max() < NEAR_HAT:
         steps[-1] += f", in new visits, one at z_hat = {FAR_HAT:g} or more for lift in free air"
     elif steps and visit and visit.z_hat is not None:
         steps.append(f"add visits around z_hat = {plain(visit.z_hat, 2)}")
     more: list[str] = []
-    done: set[str] = set()
     if quoted.verdict == "unexplained":
         # an input's error does not explain structure
         where = structure_along(diagnosis) if diagnosis else ""
         more = [f"whatever else changes with {where}"] if where else []
     else:
-        detect, done = _to_detect(evidence, boundary)
-        steps += detect
+        detect, wanted = _to_detect(evidence, boundary)
+        steps += [] if wanted & done else detect
+        done |= wanted
         if large := [INPUT_WORDS[e.on] for e in undeclared(evidence, boundary) if e.in_u > 1]:
             # "rotor radius and spacing"
             short = [large[0], *(w.removeprefix("rotor ") for w in large[1:])]
@@ -639,10 +694,28 @@ def _logging(
     return [f"log {listed(words)}" + (f": {listed(names)} {become} testable" if names else "")]
 
 
+def _unlogged(columns: Sequence[str], evidence: Evidence, boundary: Boundary) -> list[str]:
+    """Columns of the schedule that are not logged."""
+    known = evidence.observations[boundary].covariates
+    named = [c for c in dict.fromkeys(columns) if c in BY_NAME]
+    return [c for c in named if BY_NAME[c].inside not in known]
+
+
+def _against(pair: Sequence[str]) -> str:
+    return " from ".join(pair).replace(" + ", " with ")
+
+
+def is_feasible(experiment: NextExperiment, n_trials: int) -> bool:
+    """Whether it takes at most `MOST_REPEATS` times the trials of the campaign."""
+    if not isinstance(experiment, NextSession):
+        return True
+    return experiment.trials_to_separate <= MOST_REPEATS * n_trials
+
+
 def _proposal(experiment: NextExperiment) -> str:
     """One experiment, with what it distinguishes and in how many trials."""
     if not isinstance(experiment, NextSession):
         return experiment.measure
-    pair = " from ".join(experiment.separates).replace(" + ", " with ")
+    pair = _against(experiment.separates)
     about = plain(experiment.trials_to_separate or experiment.trials, 2)
     return f"to distinguish {pair}: {experiment.measure} (about {about} trials)"

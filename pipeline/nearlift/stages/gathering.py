@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 from nearlift.observed import boundaries, observe
@@ -15,7 +14,6 @@ from nearlift.stages import PRODUCTS
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.trial_table import trial_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,7 +61,6 @@ def gather(job: Job) -> Evidence:
         inputs=dict(job.inputs),
         versions=versions(),
         seed=job.seed,
-        trial_table=partial(trial_table, job),
     )
 
 

@@ -73,7 +73,6 @@ def _documents(job: Job, evidence: Evidence) -> None:
     for name, written in (
         ("summary.txt", summary.summary),
         ("methods.md", methods.markdown),
-        ("methods.tex", methods.tex),
         ("references.bib", methods.references),
     ):
         job.publish(name, written(evidence))

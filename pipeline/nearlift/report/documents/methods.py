@@ -1,31 +1,22 @@
-"""The methods paragraph of a paper, from what was done: Markdown as pandoc reads it, LaTeX, and the
-BibTeX of what both cite.
-"""
+"""The methods paragraphs of a paper, as pandoc's Markdown, and the BibTeX of what they cite."""
 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
+from nearlift.declare import Boundary
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
-from nearlift.reduction.quality import code, rejected
-from nearlift.report import blocks
+from nearlift.reduction.quality import rejected
+from nearlift.report import blocks, words
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Place
-from nearlift.report.phrases import SCALES, coefficient_text, explanation, is_sure, listed, sizes
-from nearlift.report.sources import badly_known
-from nearlift.report.tables import escaped
-from nearlift.report.words import rivals_of
-from nearlift.results.posterior import PosteriorSummary
-from nearlift.results.quotation import CoefficientResult
+from nearlift.report.phrases import coefficient_text, explanation, is_sure, listed, sentence, sizes
 from nearlift.rounding import plain
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import POSTERIOR
@@ -36,10 +27,8 @@ VERDICTS = {
     "adequate": "no residual structure was detected",
     "unexplained": "no candidate effect explains the residual structure",
 }
-#: A part of the scatter with less of the headline's variance goes unmentioned.
-LEAST_SHARE = 0.01
 CITED = re.compile(r"\[@([a-z0-9_]+(?:; @[a-z0-9_]+)*)\]")
-APART = re.compile(r"(\$[^$]+\$|\[@[a-z0-9_; @]+\])")
+PROGRAMS = {"NumPy": "numpy", "SciPy": "scipy", "Matplotlib": "matplotlib"}
 
 
 def paragraphs(evidence: Evidence) -> list[str]:
@@ -47,13 +36,13 @@ def paragraphs(evidence: Evidence) -> list[str]:
     ``$K_b$``, ``[@key]``.
     """
     written = (_design, _reduction, _fits, _loop, _results, _programs)
-    return [p for p in (write(evidence) for write in written) if p]
+    return [" ".join(p.split()) for write in written if (p := write(evidence))]
 
 
 def facts(evidence: Evidence) -> Markup:
     """The paragraphs as plain text, for the page."""
     text = blocks.join(*(blocks.paragraph("{}", _read(p)) for p in paragraphs(evidence)))
-    files = ("methods.md", "methods.tex", "references.bib", "tables/coefficients.tex")
+    files = ("methods.md", "references.bib", "tables/coefficients.tex")
     links = Markup(", ").join(Markup('<a href="{}">{}</a>').format(f, f) for f in files)
     return blocks.join(
         blocks.paragraph("With citations: {}.", links, note=True),
@@ -67,21 +56,10 @@ def markdown(evidence: Evidence) -> bytes:
     return ("\n\n".join(paragraphs(evidence)) + "\n").encode()
 
 
-def tex(evidence: Evidence) -> bytes:
-    r"""methods.tex: paragraphs to ``\input``; cites with ``\cite``, needs nothing but
-    ``inputenc``.
-    """
-    return ("\n\n".join(_tex(p) for p in paragraphs(evidence)) + "\n").encode()
-
-
 def references(evidence: Evidence) -> bytes:
     """references.bib: what the paragraphs cite, and nothing else."""
-    cited = [
-        key
-        for p in paragraphs(evidence)
-        for group in CITED.findall(p)
-        for key in group.split("; @")
-    ]
+    groups = (group for p in paragraphs(evidence) for group in CITED.findall(p))
+    cited = [key for group in groups for key in group.split("; @")]
     return bibtex(cited, (*catalogue.models(), *catalogue.effects())).encode()
 
 
@@ -99,79 +77,57 @@ def _plural(n: int, word: str) -> str:
 
 
 def _design(evidence: Evidence) -> str:
-    vehicle, rig, trials = evidence.campaign.vehicle, evidence.campaign.rig, evidence.table(TRIALS)
-    parts = []
+    vehicle, trials = evidence.campaign.vehicle, evidence.frame(TRIALS)
+    made = "simulated" if evidence.campaign.simulated else "measured"
+    text = (
+        f"Lift of a tethered rotorcraft ({_safe(vehicle.name)}:"
+        f" {_plural(vehicle.rotors, 'rotor')} of radius {plain(1e3 * vehicle.rotor_radius)} mm)"
+        f" was {made} at constant {evidence.campaign.rig.held}."
+        r" $\hat z$ is the distance over the rotor radius."
+    )
     for boundary in evidence.boundaries:
-        mine = (trials["boundary"] == boundary) & np.isfinite(trials["z_hat"])
-        z, levels = trials["z_hat"][mine], np.unique(trials["throttle"][mine])
-        visits = (
-            f" in {_plural(len(np.unique(trials['visit'][mine])), 'visit')}"
-            if "visit" in trials
-            else ""
-        )
-        parts.append(
-            f"Near the {boundary}, {_plural(int(mine.sum()), 'trial')}{visits} at"
-            f" {_plural(len(np.unique(z)), 'distance')} "
-            rf"($\hat z$ from {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}) and"
-            rf" {_plural(len(levels), 'throttle')}"
+        mine = trials[(trials["boundary"] == boundary) & np.isfinite(trials["z_hat"])]
+        z = mine["z_hat"]
+        visits = f" in {_plural(mine['visit'].nunique(), 'visit')}" if "visit" in mine else ""
+        text += (
+            f" Near the {boundary}, {_plural(len(mine), 'trial')}{visits} at"
+            f" {_plural(z.nunique(), 'distance')}"
+            rf" ($\hat z$ from {plain(z.min(), 3)} to {plain(z.max(), 3)}) and"
+            rf" {_plural(mine['throttle'].nunique(), 'throttle')}."
         )
     if free := int((trials["boundary"] == "none").sum()):
-        parts.append(f"In free air, {_plural(free, 'trial')}")
-    radius = plain(1e3 * vehicle.rotor_radius)
-    simulated = "The records were simulated, not measured. " if evidence.campaign.simulated else ""
-    return (
-        f"{simulated}Lift of a tethered rotorcraft"
-        f" ({_safe(vehicle.name)}: {_plural(vehicle.rotors, 'rotor')} of radius {radius} mm) was"
-        f" {'simulated' if simulated else 'measured'}"
-        f" at constant {rig.held}. "
-        rf"$\hat z$ is the distance over the rotor radius. {'. '.join(parts)}."
-    )
+        text += f" In free air, {_plural(free, 'trial')}."
+    return f"The records were simulated, not measured. {text}" if made == "simulated" else text
 
 
 def _reduction(evidence: Evidence) -> str:
     trials, cell = evidence.table(TRIALS), evidence.campaign.load_cell
-    out = rejected(trials["quality"])
-    if evidence.campaign.records.reader == "means":
-        text = "Mean lifts of trials were taken as they were recorded. "
-    else:
+    text = "Mean lifts of trials were taken as they were recorded."
+    if evidence.campaign.records.reader != "means":
         rate = f" at {plain(cell.sample_rate)} Hz" if cell.sample_rate else ""
         tare = {"none": "without a tare", 0.0: "tared beforehand"}.get(
             cell.tare or 0.0, "tare removed"
         )
-        text = f"Each trial is the mean of a load-cell record{rate}, {tare}. "
-    names = Counter(
-        n for q in trials["quality"][out].tolist() for n in q.split() if code(n).rejects
-    )
-    if out.any():
-        why = listed([f"{code(n).meaning} ({k})" for n, k in names.most_common()])
-        text += (
-            f"Of {_plural(len(out), 'trial')}, {int(out.sum())}"
-            f" {'was' if out.sum() == 1 else 'were'} left out: {why}. "
-        )
-    else:
-        text += f"None of the {_plural(len(out), 'trial')} was left out. "
-    excluded = sum(len(evidence.base(b)[1].excluded) for b in evidence.boundaries)
-    if excluded:
-        text += (
-            f"{_plural(excluded, 'accepted trial')} outside the range of a base model took no part"
-            " in its fit. "
-        )
-    return text.rstrip()
+        text = f"Each trial is the mean of a load-cell record{rate}, {tare}."
+    n = len(trials["quality"])
+    lost = "was" if rejected(trials["quality"]).sum() < 2 else "were"
+    removed = words.removed(evidence).replace(" left out", f" {lost} left out", 1)
+    text += f" Of {_plural(n, 'trial')}, {removed}."
+    if excluded := sum(len(evidence.base(b)[1].excluded) for b in evidence.boundaries):
+        text += f" {_plural(excluded, 'accepted trial')} outside a base model's range took no part."
+    return text
 
 
 def _fits(evidence: Evidence) -> str:
-    fits = evidence.fits
     parts = []
     for boundary in evidence.boundaries:
         model, fit = evidence.base(boundary)
-        rivals = [catalogue.model(n) for n in fits.boundaries[boundary] if n != model.name]
-        beside = (
-            f", with {_plural(len(rivals), 'rival')} {_cite(*(k for r in rivals for k in keys(r)))}"
-            if rivals
-            else ""
-        )
+        others = [n for n in evidence.fits.boundaries[boundary] if n != model.name]
+        rivals = [catalogue.model(n) for n in others]
+        cited = _cite(*(k for r in rivals for k in keys(r))) if rivals else ""
+        also = f", with {_plural(len(rivals), 'rival')} {cited}" if rivals else ""
         parts.append(
-            f" Near the {boundary}: {model.title} {_cite(*keys(model))}{beside}, to"
+            f" Near the {boundary}: {model.title} {_cite(*keys(model))}{also}, to"
             f" {_plural(fit.n_trials, 'trial')}."
         )
     declared = [
@@ -181,159 +137,88 @@ def _fits(evidence: Evidence) -> str:
     ]
     shared = f". It includes the stated uncertainties: {listed(declared)}" if declared else ""
     curve = evidence.campaign.levels
-    levels = (
-        "free for every throttle"
-        if curve is None or curve.by == "throttle"
-        else f"a curve (its logarithm a polynomial of those of {_safe(listed(curve.of))})"
-    )
-    sources = dict.fromkeys(fits.noise[b].source.partition(" (")[0] for b in evidence.boundaries)
-    text = (
+    levels = "free for every throttle"
+    if curve is not None and curve.by != "throttle":
+        levels = f"a curve (its logarithm a polynomial of those of {_safe(listed(curve.of))})"
+    sources = dict.fromkeys(evidence.fits.noise[b].source for b in evidence.boundaries)
+    noise = dict.fromkeys(source.partition(" (")[0] for source in sources)
+    posteriors = [evidence.base(b)[1].posterior for b in evidence.boundaries]
+    drawn = evidence.has(POSTERIOR) and any(p and p.sampler == "emcee" for p in posteriors)
+    sampled = f" Their posteriors were drawn by ensemble sampling {_cite('emcee')}."
+    return (
         r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with"
         rf" $L_\infty$ {levels}.{''.join(parts)}"
         f" Least squares (trust region {_cite('lmfit')}) used the full covariance of the"
-        f" {listed(list(sources))}{shared}."
+        f" {listed(list(noise))}{shared}."
         f" Uncertainties are standard ones, by the GUM {_cite('gum2008')}."
-    )
-    if evidence.has(POSTERIOR):
-        drawn = [evidence.base(b)[1].posterior for b in evidence.boundaries]
-        text += _posteriors([p for p in drawn if p])
-    return text
-
-
-def _posteriors(fits: Sequence[PosteriorSummary]) -> str:
-    """How the base models' posteriors were drawn, and who judged them."""
-    if not any(p.sampler == "emcee" for p in fits):
-        return ""
-    checks = [c for p in fits for c in p.checks if not c.unfit]
-    judged = listed(["effective draws", *(["an exact grid"] if checks else [])])
-    return (
-        f" Posteriors of these models were drawn by ensemble sampling {_cite('emcee')}, and judged"
-        f" by {judged}."
+        f"{sampled if drawn else ''}"
     )
 
 
 def _loop(evidence: Evidence) -> str:
     if not evidence.has(DIAGNOSIS):
         return ""
-    known = {e.name: e for e in catalogue.effects()}
-    parts, silent = [], []
-    for boundary in evidence.boundaries:
-        if reason := evidence.not_diagnosed(boundary):
-            silent.append(f"Residuals near the {boundary} were not diagnosed: {reason}.")
-        diagnosis = evidence.diagnosed(boundary)
-        if not diagnosis:
-            continue
-        said = VERDICTS.get(diagnosis.verdict, "")
-        if diagnosis.verdict == "effect":
-            named = [
-                f"{titled(e.name)} {_cite(*keys(known[e.name]))}"
-                for e in diagnosis.effects
-                if e.name in known
-            ]
-            rivals = rivals_of(diagnosis, "and")
-            size = f": {sizes(quoted)}" if (quoted := evidence.quoted(boundary)).sizes else ""
-            quoted = evidence.quoted(boundary)
-            if is_sure(quoted) or not diagnosis.probabilities:
-                also = f". The design cannot distinguish this from {rivals}" if rivals else ""
-                said = f"the residuals are explained by {listed(named)}{size}{also}"
-            else:
-                cited = _cite(*(k for e in diagnosis.effects for k in keys(known[e.name])))
-                said = f"the residuals are explained by {explanation(quoted, diagnosis)} {cited}"
-        if diagnosis.look:
-            said += f" ({diagnosis.look.text})"
-        if diagnosis.error:
-            before, after, floor = (
-                f"{plain(100 * e, 3)} %"
-                for e in (
-                    diagnosis.held_out_before,
-                    diagnosis.held_out_after,
-                    diagnosis.noise_floor,
-                )
-            )
-            then = f" to {after}" if diagnosis.verdict == "effect" else ""
-            said += (
-                f". Cross-validated error over {evidence.left_out}: {before}{then} of lift; noise"
-                f" floor {floor}"
-            )
-        if could := diagnosis.sensitivity:
-            said += f". {could.trials} trials {titled(str(could))}"
-        parts.append(f"near the {boundary}, {said}")
-    if not parts:
-        return " ".join(silent)
-    rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",)).percent(digits=2).text
-    untested = dict.fromkeys(
-        titled(name)
-        for diagnosis in map(evidence.diagnosed, evidence.boundaries)
-        if diagnosis
-        for name in diagnosis.untestable
-    )
-    unlogged = f" Untestable with what was logged: {listed([*untested])}." if untested else ""
-    tested = (
-        "Residuals of the base models were tested against run order, distance, throttle, logged"
-        f" quantities and nearlift's library of effects. The false-alarm rate is {rate} % per"
-        f" boundary.{unlogged}"
-    )
-    sentence = [f"{part[0].upper()}{part[1:]}." for part in parts]
-    return " ".join([tested, *sentence, *silent])
+    said = [_verdict(evidence, b) for b in evidence.boundaries]
+    diagnosed = [d for d in map(evidence.diagnosed, evidence.boundaries) if d]
+    if diagnosed:
+        rate = plain(100 * diagnosed[0].false_alarm_rate, 2)
+        tested = (
+            "Residuals of the base models were tested against run order, distance, throttle, logged"
+            " quantities and nearlift's library of effects. The false-alarm rate is"
+            f" {rate} % per boundary."
+        )
+        untested = dict.fromkeys(titled(name) for d in diagnosed for name in d.untestable)
+        if untested:
+            tested += f" Untestable with what was logged: {listed([*untested])}."
+        said.insert(0, tested)
+    return " ".join(said)
+
+
+def _verdict(evidence: Evidence, boundary: Boundary) -> str:
+    """The loop's answer at one boundary, with its error."""
+    diagnosis, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
+    if diagnosis is None:
+        reason = evidence.not_diagnosed(boundary)
+        return f"Residuals near the {boundary} were not diagnosed: {reason}." if reason else ""
+    said = VERDICTS.get(diagnosis.verdict, "")
+    if diagnosis.verdict == "effect":
+        known = {e.name: e for e in catalogue.effects()}
+        effects = [known[e.name] for e in diagnosis.effects if e.name in known]
+        cited, rivals = _cite(*(k for e in effects for k in keys(e))), words.rivals_of(diagnosis)
+        said = f"the residuals are explained by {explanation(quoted, diagnosis)} {cited}"
+        if is_sure(quoted):
+            said += f": {sizes(quoted)}" if quoted.sizes else ""
+            said += f". The design cannot distinguish this from {rivals}" if rivals else ""
+    if diagnosis.look:
+        said += f" ({diagnosis.look.text})"
+    text = f"Near the {boundary}, {said}."
+    if diagnosis.error:
+        error = words.error(quoted, evidence.left_out)
+        text += f" {sentence(f'cross-validated error: {error}')}"
+    if could := diagnosis.sensitivity:
+        text += f" {could.trials} trials {titled(str(could))}."
+    return text
 
 
 def _results(evidence: Evidence) -> str:
-    """The coefficients to quote, with what their intervals hold and the scatter behind them."""
+    """The coefficients to quote, with what their intervals hold."""
     parts = []
     for boundary in evidence.boundaries:
-        quoted = evidence.quoted(boundary)
-        estimates = [
-            f"{mathematics(name)} = {coefficient_text(c)}"
-            for name, c in quoted.coefficients.items()
-        ]
-        for first in [*quoted.coefficients.values()][:1]:
+        coefficients = evidence.quoted(boundary).coefficients
+        estimates = [f"{mathematics(n)} = {coefficient_text(c)}" for n, c in coefficients.items()]
+        for first in [*coefficients.values()][:1]:
             holds = _safe(titled(first.holds)).removesuffix(".")
-            parts.append(f"Near the {boundary}, {listed(estimates)}. {holds}.{_scatter(first)}")
+            parts.append(f"Near the {boundary}, {listed(estimates)}. {holds}.")
     return " ".join(parts)
-
-
-def _scatter(headline: CoefficientResult) -> str:
-    """Sources of scatter with at least a hundredth of the headline's variance, the largest first;
-    poorly determined ones by name.
-    """
-    lines = [
-        line
-        for line in headline.budget
-        if line.kind == "A" and line.u**2 >= LEAST_SHARE * headline.u**2 and line.u_input
-    ]
-    few = badly_known(headline)
-    sized = [
-        f"{line.source} {plain(SCALES[line.unit][0] * (line.u_input or 0.0), 2)}"
-        f" {SCALES[line.unit][1]}"
-        for line in lines
-        if line.source not in few
-    ]
-    parts = [listed(sized)] if sized else []
-    if unknown := [line.source for line in lines if line.source in few]:
-        parts.append(f"poorly determined, {listed(unknown)}")
-    return f" Its type A sources are {', and, '.join(parts)}." if parts else ""
 
 
 def _programs(evidence: Evidence) -> str:
     versions = evidence.versions
     named = [
-        f"{name} {versions[key]} {_cite(key)}"
-        for name, key in (("NumPy", "numpy"), ("SciPy", "scipy"), ("Matplotlib", "matplotlib"))
-        if key in versions
+        f"{name} {versions[key]} {_cite(key)}" for name, key in PROGRAMS.items() if key in versions
     ]
-    with_what = f"Python {versions.get('python', '')}, {listed(named)}" if named else "Python"
-    return (
-        f"All numbers are those of nearlift {__version__} with {with_what}, seed {evidence.seed}."
-    )
-
-
-def _tex(text: str) -> str:
-    parts = APART.split(text)
-    return "".join(_apart(p) if i % 2 else escaped(p) for i, p in enumerate(parts))
-
-
-def _apart(part: str) -> str:
-    return part if part.startswith("$") else r"\cite{" + part[2:-1].replace("; @", ",") + "}"
+    programs = listed([f"Python {versions.get('python', '')}".strip(), *named])
+    return f"All numbers are those of nearlift {__version__} with {programs}, seed {evidence.seed}."
 
 
 def _read(text: str) -> str:

@@ -56,7 +56,8 @@ def table(evidence: Evidence) -> pd.DataFrame:
             if model.boundary != boundary or model.downwash is None:
                 continue
             fitted = name in evidence.fits.boundaries.get(boundary, {}) and model.parameters
-            drawn = {"label": f"{label}, fitted" if fitted else label, "z_hat": grid}
+            known = ", quoted" if name == evidence.fits.base.get(boundary) else ", fitted"
+            drawn = {"label": f"{label}{known if fitted else ''}", "z_hat": grid}
             drawn["reduction_percent"] = reduction(evidence, name, grid)
             parts.append({"panel": boundary, "kind": "model", **drawn})
     return frame(parts, COLUMNS)
@@ -64,7 +65,7 @@ def table(evidence: Evidence) -> pd.DataFrame:
 
 def reduction(evidence: Evidence, name: str, z_hat: FloatArray) -> FloatArray:
     """Percent by which a model's induced velocity at the disk is below its value far away, at
-    fitted parameters where there are some.
+    quoted coefficients for the base model, else at fitted parameters where there are some.
     """
     model, geometry = catalogue.model(name), evidence.campaign.geometry()
     assert model.downwash is not None
@@ -73,6 +74,8 @@ def reduction(evidence: Evidence, name: str, z_hat: FloatArray) -> FloatArray:
     fit = evidence.fits.boundaries.get(model.boundary, {}).get(name)
     values = fit.values if fit else {p.name: p.value for p in model.parameters}
     known: Look = {n: geometry[n] for n in model.needs} | dict(values)
+    if name == evidence.fits.base.get(model.boundary):
+        known |= {n: c.value for n, c in evidence.quoted(model.boundary).coefficients.items()}
     with np.errstate(invalid="ignore", divide="ignore"):
         velocity = np.asarray(model.downwash(z_hat, **known), dtype=float)
     return 100 * (1 - np.broadcast_to(velocity, np.shape(z_hat)))
@@ -93,7 +96,7 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return (
         "Reduction of the downwash beneath the rotors against the control, at equal thrust."
         " Symbols: PIV with 90 % intervals; hollow where the cut is not at the disk. Lines: inflow"
-        " at the disk that lift models imply, fitted without effects."
+        " at the disk that lift models imply."
         f" {origin(evidence, cases)}"
     )
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -16,13 +17,15 @@ from markupsafe import Markup
 from nearlift.report import blocks
 from nearlift.report.charts import Chart, embedded
 from nearlift.report.evidence import Evidence
-from nearlift.report.phrases import along
+from nearlift.report.phrases import along, spoken, typeset
 from nearlift.report.registry import CHAPTERS, PARTS, Chapter
-from nearlift.report.tables import spoken, typeset
 
 #: The part that is open.
 FIRST = "verdict"
-NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
+#: The chart of the first screen.
+PLACED = "fig2"
+#: Places of figures that were not made.
+NOT_MADE = re.compile(r"<!--figure \w+-->")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,13 +48,18 @@ class Picture:
 def scripts() -> tuple[str, str]:
     """The drawing library with its licence, and the page's own script."""
     here = resources.files("nearlift.report.page")
-    licence = here.joinpath("vendor", "vega.LICENSE.txt").read_text(encoding="utf-8")
-    library = here.joinpath("vendor", "vega.js").read_text(encoding="utf-8")
-    return f"/*! {licence}*/\n{library}", here.joinpath("templates", "report.js").read_text(
-        encoding="utf-8"
+    licence, library, own = (
+        here.joinpath(*path).read_text(encoding="utf-8")
+        for path in (
+            ("vendor", "vega.LICENSE.txt"),
+            ("vendor", "vega.js"),
+            ("templates", "report.js"),
+        )
     )
+    return f"/*! {licence}*/\n{library}", own
 
 
+@functools.cache
 def templates() -> jinja2.Environment:
     """The templates of all pages: text from files stays text, and a name that is not given is an
     error.
@@ -97,18 +105,6 @@ def rendered(template: str, charts: Sequence[Chart], **facts: object) -> bytes:
     return text.encode()
 
 
-def _placed(facts: Any, pictures: Sequence[Picture]) -> Any:
-    """The chapter with its pictures where its text has them; those that were not made are left
-    out.
-    """
-    if not isinstance(facts, Markup):
-        return facts
-    shown: Any = templates().get_template("charts.html.j2").module
-    for p in pictures:
-        facts = facts.replace(blocks.figure(p.name), shown.picture(p, []))
-    return facts
-
-
 def page(
     evidence: Evidence,
     pictures: Sequence[Picture],
@@ -116,48 +112,35 @@ def page(
     charts: Sequence[Chart] = (),
 ) -> bytes:
     """index.html: the first part open, every chapter of the others folded. Chapters whose products
-    are missing are left out; figures that no chapter names come at the end.
+    are missing are left out.
     """
-    made = {p.name: p for p in pictures}
-    drawn = {c.name: c for c in charts}
-    shown: list[dict[str, Any]] = []
-    for chapter in chapters:
-        placed = next((drawn.pop(f.name) for f in chapter.places if f.name in drawn), None)
-        figures = [made.pop(f.name) for f in chapter.figures if f.name in made]
-        interactive = [drawn[f.name] for f in chapter.figures if f.name in drawn]
-        if not evidence.has(*chapter.needs) or not (chapter.facts or figures or interactive):
-            continue
-        shown.append(
-            {
-                "chapter": chapter,
-                "facts": _placed(chapter.facts(evidence), figures) if chapter.facts else "",
-                "pictures": figures,
-                "placed": placed,
-                "charts": interactive,
-            }
-        )
-    if made:
-        further = Chapter(name="further", title="Further figures")
-        shown.append(
-            {
-                "chapter": further,
-                "facts": "",
-                "pictures": list(made.values()),
-                "placed": None,
-                "charts": [],
-            }
-        )
+    made, drawn = {p.name: p for p in pictures}, {c.name: c for c in charts}
+    shown = [
+        (chapter, facts)
+        for chapter in chapters
+        if evidence.has(*chapter.needs) and (facts := placed(chapter.facts(evidence), made, drawn))
+    ]
     parts = [
         {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
         for name, title in PARTS.items()
-        if (chapters_of := [c for c in shown if c["chapter"].part == name])
+        if (chapters_of := [(c, f) for c, f in shown if c.part == name])
     ]
-    every = [c for s in shown for c in (s["placed"], *s["charts"]) if c]
     return rendered(
         "index.html.j2",
-        every,
+        [c for c in charts if c.name == PLACED or c.name in made],
         campaign=evidence.campaign,
         parts=parts,
-        shown=[c["chapter"].name for c in shown],
-        names=NAMES,
+        placed=drawn.get(PLACED),
+        shown=[c.name for c, _ in shown],
     )
+
+
+def placed(facts: Any, made: Mapping[str, Picture], drawn: Mapping[str, Chart]) -> Any:
+    """The chapter with each figure in its place, or the chart that takes it."""
+    if not isinstance(facts, Markup):
+        return facts
+    template: Any = templates().get_template("charts.html.j2").module
+    for name, picture in made.items():
+        chart = drawn.get(name) if name != PLACED else None
+        facts = facts.replace(blocks.figure(name), template.picture(picture, chart))
+    return Markup(NOT_MADE.sub("", facts).strip())

@@ -28,7 +28,7 @@
       if (step === undefined || event.target !== drawing) return;
       event.preventDefault();
       for (const mark of place.querySelectorAll(".pointed")) mark.classList.remove("pointed");
-      const centre = mark => { const box = mark.getBoundingClientRect(); return drawing.dataset.mark === "line" ? box.y : box.x; };
+      const centre = mark => { const box = mark.getBoundingClientRect(); return box.x; };
       const marks = [...place.querySelectorAll(`[aria-roledescription="${drawing.dataset.mark}"]`)].sort((a, b) => centre(a) - centre(b));
       if (!marks.length) return;
       if (step === 0) { if (at >= 0 && marks[at]) pointed(marks[at], "pointerout"); at = -1; said.textContent = ""; return; }

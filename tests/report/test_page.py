@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import base64
-import csv
 import dataclasses
 import hashlib
-import io
-import json
+import itertools
 import re
+from html.parser import HTMLParser
+from importlib import resources
 
 import numpy as np
 import pytest
+from tests.unit import quoted, small_run
+from tests.unit.elements import Elements, follow
 
-from nearlift.report.page.render import Picture, page, scripts
-from nearlift.report.registry import CHAPTERS, FIGURES, Chapter
-from nearlift.report.tables import escaped
+from nearlift.report import charts as interactive
+from nearlift.report.page.render import page, scripts
+from nearlift.report.registry import FIGURES
 from nearlift.stages import report
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.gathering import gather
 from nearlift.stages.reduce import LIFT
 
-from . import quoted, small_run
-from .elements import Elements, follow
-
+LOWERED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 HOSTILE = '<script>alert("x")</script>{{ 7*7 }}\' & \\input{x}'
 
 
@@ -76,7 +76,7 @@ def test_files_of_the_contract(made):
     tables = {
         f"tables/{n}.{k}" for n in ("coefficients", "budget", "comparison") for k in ("tex", "csv")
     }
-    paper = {"methods.md", "methods.tex", "references.bib", "summary.txt"}
+    paper = {"methods.md", "references.bib", "summary.txt"}
     assert names == {"index.html"} | paper | tables | {
         f"{n}.{k}" for n in DRAWN for k in ("pdf", "png", "csv")
     }
@@ -165,7 +165,7 @@ def test_every_number_says_where_it_stands_and_it_stands_there(made):
         how = attributes.get("data-how")
         if how is None:
             assert float(attributes["value"]) == stored
-            digits = shown.replace("−", "-")
+            digits = shown.replace("−", "-").replace(" × 10", "e").translate(LOWERED)
             assert float(digits) == pytest.approx(
                 stored, rel=0.05, abs=10.0 ** -len(digits.partition(".")[2])
             )
@@ -178,6 +178,9 @@ def test_every_number_says_where_it_stands_and_it_stands_there(made):
 def test_verdict_comes_first_with_the_headline(made):
     job, _, text = made
     e = job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]
+    assert not re.search(
+        r"\b20\d\d-\d\d-\d\d", re.sub(r"<script>.*?</script>", "", text, flags=re.S)
+    )
     assert text.index('id="verdict"') < text.index('id="fig2"')
     first = next(
         t
@@ -234,32 +237,6 @@ def test_hostile_names_are_shown_and_do_nothing(make_job):
     assert b"\nground,z_hat,trial,'=cmd()," in (job.reports / "residuals.csv").read_bytes()
 
 
-def test_coefficient_tables_are_what_is_quoted(made):
-    job, _, _ = made
-    e = job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]
-    lines = list(
-        csv.DictReader(io.StringIO((job.reports / "tables" / "coefficients.csv").read_text()))
-    )
-    row = next(r for r in lines if r["base_model"] == "sanchez_cuevas" and r["parameter"] == "K_b")
-    assert all(
-        float(row[k]) == pytest.approx(e[k], rel=1e-8)
-        for k in ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95")
-    )
-    assert (row["verdict"], row["holds"]) == ("not_diagnosed", e["holds"])
-    tex = (job.reports / "tables" / "coefficients.tex").read_text()
-    assert rf"$K_b$ & \num{{{e['value']:.2f}}} & \num{{" in tex
-    assert tex.count(r"\begin") == tex.count(r"\end") == 1
-    body = [line for line in tex.splitlines() if line.endswith(r"\\")]
-    assert {line.count("&") - line.count(r"\&") for line in body} == {8}
-    assert escaped(r"a_b & 50 % \x") == r"a\_b \& 50 \% \textbackslash{}x"
-
-
-def test_no_time_of_day_on_the_page(made):
-    _, _, text = made
-    text = re.sub(r"<script>.*?</script>", "", text, flags=re.S)  # the library's own code
-    assert not re.search(r"\b20\d\d-\d\d-\d\d|\b\d\d:\d\d:\d\d\b", text)
-
-
 def test_provenance_lists_inputs_and_products(made):
     job, _, text = made
     for name, sha in job.inputs.items():
@@ -304,25 +281,108 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
             assert float(attributes["value"]) == follow(content, pointer)
 
 
-def test_a_new_figure_needs_no_chapter(small_job):
-    evidence = gather(small_job)
-    extra = Picture(name="posterior", title="Posterior", caption="c", alt="a", png=b"x")
-    text = page(evidence, [extra]).decode()
-    assert "Further figures" in text
-    assert 'href="posterior.pdf"' in text
-    assert 'src="data:image/png;base64,eA=="' in text
+STYLE = (
+    resources.files("nearlift.report.page")
+    .joinpath("templates", "page.css")
+    .read_text(encoding="utf-8")
+)
+VOID = {"meta", "link", "img", "br", "input", "path"}
 
 
-def test_chapters_are_a_plain_tuple(small_job):
-    assert isinstance(CHAPTERS, tuple)
-    lone = Chapter(
-        name="levels",
-        title="Only this",
-        facts=next(c.facts for c in CHAPTERS if c.name == "levels"),
-        needs=(FIT,),
+class Outline(HTMLParser):
+    """Elements in order, each with its ancestors' tags."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None], tuple[str, ...]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs), tuple(self.open)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def every(self, *tags):
+        return [(attributes, inside) for name, attributes, inside in self.elements if name in tags]
+
+
+@pytest.fixture(scope="module")
+def outline(made):
+    return Outline(made[2])
+
+
+def test_every_element_is_closed_where_it_was_opened(outline):
+    assert outline.open == []
+
+
+def test_headings_skip_no_level_and_landmarks_are_there(outline):
+    levels = [int(name[1]) for name, _, _ in outline.elements if re.fullmatch("h[1-6]", name)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+    for landmark in ("header", "nav", "main", "footer"):
+        assert len(outline.every(landmark)) == 1
+    ids = {a["id"] for _, a, _ in outline.elements if "id" in a}
+    assert all(a["aria-labelledby"] in ids for a, _ in outline.every("section"))
+    first = next(a for name, a, inside in outline.elements if "body" in inside)
+    assert first["class"] == "skip"
+    assert first["href"][1:] in ids
+
+
+def test_tables_have_captions_and_heads_have_scopes(outline):
+    tables, captions = outline.every("table"), outline.every("caption")
+    assert len(tables) == len(captions) > 8
+    assert all(a.get("scope") in ("col", "row") for a, _ in outline.every("th"))
+    assert all("div" in inside for _, inside in tables)
+
+
+def colours(block):
+    return dict(re.findall(r"--([a-z0-9]+): (#[0-9a-f]{3,6})", block))
+
+
+def luminance(colour):
+    digits = colour[1:] if len(colour) == 7 else "".join(2 * c for c in colour[1:])
+    parts = [int(digits[i : i + 2], 16) / 255 for i in (0, 2, 4)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(a, b):
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def schemes():
+    light, dark = (colours(block) for block in re.findall(r":root \{(.*?)\}", STYLE, re.S)[:2])
+    return {"light": light, "dark": dark}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_contrast_is_that_of_wcag_aa(scheme):
+    own = schemes()[scheme]
+    for name in ("text", "soft", "link", "good", "fair", "bad"):
+        for ground in ("paper", "card"):
+            assert contrast(own[name], own[ground]) >= 4.5, (name, ground)
+    # of marks and lines three to one is asked
+    for name in ("s0", "s1", "s2", "s3", "s4", "s5"):
+        assert contrast(own[name], own["paper"]) >= 3, name
+    assert set(schemes()["light"]) == set(schemes()["dark"])
+    assert all(f"--s{i}" in STYLE for i in range(interactive.MOST_COLOURS))
+
+
+def test_the_library_is_what_the_pinned_package_bundles():
+    bundler = pytest.importorskip("vl_convert", reason="vl-convert is not installed")
+    held = (
+        resources.files("nearlift.report.page")
+        .joinpath("vendor", "vega.js")
+        .read_text(encoding="utf-8")
     )
-    text = page(gather(small_job), [], [lone]).decode()
-    assert "Only this" in text
-    assert 'id="verdict"' not in text
-    empty = dataclasses.replace(gather(small_job), documents={}, tables={})
-    assert json.dumps([c.name for c in CHAPTERS if empty.has(*c.needs)]) == '["provenance"]'
+    assert bundler.javascript_bundle() == held
+    assert "<!--" not in held
+    assert "<script" not in held
+    assert "</script" not in held

@@ -4,7 +4,9 @@ what tables and paragraphs are made of.
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import io
 import math
 import re
 import shutil
@@ -12,19 +14,16 @@ import subprocess
 
 import pytest
 from matplotlib.mathtext import MathTextParser
+from tests.unit import quoted
 
 from nearlift.nomenclature import latex as symbol
 from nearlift.report import tables
-from nearlift.report.documents import methods
-from nearlift.stages.fit import RESULTS
+from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.gathering import gather
 
 WRITTEN = {
-    **{
-        name: lambda evidence, make=make: tables.latex(make(evidence), "about")
-        for name, make in tables.TABLES.items()
-    },
-    "methods": methods.tex,
+    name: lambda evidence, make=make: tables.latex(make(evidence), "about")
+    for name, make in tables.TABLES.items()
 }
 #: Of booktabs, siunitx and LaTeX itself; what else stands in a text came from a file.
 KNOWN = set(
@@ -52,8 +51,7 @@ def evidence(small_job):
 
 
 def written(name, evidence):
-    text = WRITTEN[name](evidence)
-    return text.decode() if isinstance(text, bytes) else text
+    return WRITTEN[name](evidence)
 
 
 def read(text):
@@ -121,7 +119,7 @@ def test_what_does_not_compile_is_refused(text):
 
 
 def test_coefficients_are_set_as_the_nomenclature_has_them(evidence):
-    for name in ("coefficients", "budget", "methods"):
+    for name in ("coefficients", "budget"):
         text = written(name, evidence)
         for boundary in evidence.boundaries:
             for c in evidence.quoted(boundary).coefficients:
@@ -155,3 +153,68 @@ def test_a_tex_compiles_them(evidence, tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout[-2000:]
+
+
+def rows_of(table):
+    return list(csv.DictReader(io.StringIO(tables.csv(table.frame).decode())))
+
+
+def test_the_budget_as_csv_and_latex(evidence):
+    rows = [
+        r
+        for r in rows_of(tables.budget(evidence))
+        if (r["model"], r["coefficient"]) == ("sanchez_cuevas", "K_b")
+    ]
+    own = evidence.quoted("ground").coefficients["K_b"]
+    assert [r["source"] for r in rows] == [*(line.source for line in own.budget), "combined"]
+    assert sum(float(r["u"]) ** 2 for r in rows[:-1]) == pytest.approx(
+        float(rows[-1]["u"]) ** 2, rel=1e-6
+    )
+    assert float(rows[-1]["u"]) == pytest.approx(own.u, rel=1e-8)
+    text = tables.latex(tables.budget(evidence), "budget")
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 1
+    assert rf"combined &  &  &  &  &  & \num{{{own.u:.3g}}}" in text
+
+
+def test_the_comparison_as_csv_and_latex(evidence):
+    rows = {
+        r["model"]: r for r in rows_of(tables.comparison(evidence)) if r["boundary"] == "ground"
+    }
+    own = evidence.document(FIT)["comparison"]["ground"]["models"]
+    assert (
+        set(rows)
+        == set(own)
+        >= {
+            "cheeseman_bennett_fixed",
+            "cheeseman_bennett",
+            "sanchez_cuevas_published",
+            "sanchez_cuevas_as_printed",
+            "exponential",
+            "power_law",
+        }
+    )
+    assert rows["sanchez_cuevas"]["base"] == "yes"
+    assert rows["sanchez_cuevas_published"]["free"] == "0"
+    assert float(rows["cheeseman_bennett"]["d_elpd"]) == pytest.approx(
+        own["cheeseman_bennett"]["d_elpd"], rel=1e-8
+    )
+    text = tables.latex(tables.comparison(evidence), "models")
+    assert r"Sanchez-Cuevas, K\_b = 2" in text
+
+
+def test_evidence_is_shown_where_it_was_computed(evidence):
+    known, _ = quoted.fitted(evidence, "ground")
+    fits = known.document(FIT)["boundaries"]["ground"]
+    fits["sanchez_cuevas"]["log_evidence"] = {"value": 10.0, "u": 0.1}
+    fits["power_law"]["log_evidence"] = {"value": 7.5, "u": 0.1}
+    del fits["exponential"]["log_evidence"]
+    table = tables.comparison(known)
+    ground = table.frame[table.frame["boundary"] == "ground"].set_index("model")
+    assert ground.loc["power_law", "log_evidence"].text == "−2.5"
+    assert ground.loc["exponential", "log_evidence"].text == "–"
+    assert r"\num{-2.5}" in tables.latex(table, "models")
+    assert next(r for r in rows_of(table) if r["model"] == "power_law")["log_evidence"] == "7.5"
+
+
+def test_text_does_nothing_in_latex():
+    assert tables.escaped(r"a_b & 50 % \x") == r"a\_b \& 50 \% \textbackslash{}x"

@@ -6,19 +6,18 @@ import dataclasses
 import re
 
 import pytest
+from tests.unit import verdicts
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.report import sources, words
 from nearlift.report.documents import methods, summary
-from nearlift.report.phrases import coefficient_text, coverage, listed
-from nearlift.rounding import like, plain
+from nearlift.report.phrases import coefficient_text, coverage
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT
 from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
-
-from . import verdicts
+from nearlift.version import __version__
 
 
 @pytest.fixture(scope="module", params=verdicts.MADE)
@@ -152,98 +151,56 @@ def test_titles_stand_within_a_sentence():
     assert titled("reynolds, supply_sag and tilted") == ("Reynolds number, supply sag and tilted")
 
 
-def percent(x):
-    return f"{plain(100 * x, 3)} %"
-
-
-def expected(evidence, quoted):
-    """Every sentence of the methods, made anew from the products: what must stand in it."""
+def test_the_methods_are_made_from_the_products(evidence, quoted):
+    """One number or name of each paragraph, as its product has it."""
+    text = methods.markdown(evidence).decode()
     trials, fitted = evidence.table(TRIALS), evidence.document(FIT)
-    content = evidence.document(DIAGNOSIS)
-    block = content["boundaries"]["ground"]
-    z = trials["z_hat"]
     entry = fitted["boundaries"]["ground"]["sanchez_cuevas"]
-    c = quoted.coefficients["K_b"]
-    repeats = [line for line in c.budget if line.kind == "A" and line.u > 0.1 * c.u]
-    sure = [line for line in repeats if line.dof >= 2]
-    scales = {"1": (100, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}
-    yield (
-        "Lift of a tethered rotorcraft (Crazyflie 2.0: 4 rotors of radius 23 mm) was measured at constant throttle.",
-    )
-    yield (
-        f"Near the ground, {len(z)} trials in {len(set(trials['visit']))} visits at {len(set(z))} distances",
-        f"from {z.min():.3g} to {z.max():.3g}) and {len(set(trials['throttle']))} throttles",
-    )
-    yield ("Mean lifts of trials were taken as they were recorded.",)
-    yield (f"Of {len(z)} trials, 1 was left out: the load cell was at the end of its range (1).",)
-    yield ("fitted to the logarithm of the lift of single trials",)
-    yield (
-        f"Near the ground: Sanchez-Cuevas [@sanchezcuevas2017], with {len(fitted['boundaries']['ground']) - 1} rivals [",
+    z, block = trials["z_hat"], evidence.document(DIAGNOSIS)["boundaries"]["ground"]
+    expected = [
+        f"Near the ground, {len(z)} trials in {len(set(trials['visit']))} visits at",
+        f"visits at {len(set(z))} distances",
+        f"Of {len(z)} trials, 1 was left out: the load cell was at the end of its range (1).",
+        f"Sanchez-Cuevas [@sanchezcuevas2017], with {len(fitted['boundaries']['ground']) - 1} rivals",
         f"to {entry['n_trials']} trials.",
-    )
-    yield (
-        "Least squares (trust region [@lmfit]) used the full covariance of the "
-        + fitted["noise"]["ground"]["source"].partition(" (")[0],
-    )
-    yield ("It includes the stated uncertainties: distance datum (shared by boundary).",)
-    yield ("Uncertainties are standard ones, by the GUM [@gum2008].",)
-    own = entry["posterior"]
-    yield (
-        "Posteriors of these models were drawn by ensemble sampling",
-        *(f" exact {check['by']}" for check in own["checks"] if not check["unfit"]),
-    )
-    if quoted.verdict == "not_diagnosed":
-        yield (f"Residuals near the ground were not diagnosed: {block['reason']}.",)
-    else:
-        error = block["error"]
-        after = f" to {percent(error['after']['held_out_rmse'])}" * (quoted.verdict == "effect")
-        yield (
-            "Residuals of the base models were tested against run order",
-            "library of effects.",
-        )
-        yield (f"The false-alarm rate is {100 * content['false_alarm_rate']:g} % per boundary.",)
-        yield (
-            "Untestable with what was logged: "
-            + listed([titled(u["effect"]) for u in block["untestable"]]),
-        )
-        yield (
-            {
-                "adequate": "Near the ground, no residual structure was detected.",
-                "effect": "Near the ground, the residuals are explained by supply sag [@supply_sag]: lift",
-                "unexplained": "Near the ground, no candidate effect explains the residual structure.",
-            }[quoted.verdict],
-            *(
-                f"voltage^{like(s.value, (s.hi90 - s.lo90) / 3.3)} (90 %: "
-                f"{like(s.lo90, (s.hi90 - s.lo90) / 3.3)} to "
-                for s in quoted.sizes
-            ),
-        )
-        yield (
-            f"over visits: {percent(error['before']['held_out_rmse'])}{after} of lift;",
-            f"noise floor {percent(error['noise_floor'])}.",
-        )
-    yield (f"Near the ground, $K_b$ = {coefficient_text(c)}.",)
-    yield (titled(c.holds),)
-    yield (
-        "Its type A sources are",
-        *(
-            f"{line.source} {plain(scales[line.unit][0] * line.u_input, 2)} {scales[line.unit][1]}"
-            for line in sure
-        ),
-        *(line.source for line in repeats),
-    )
-    yield (
-        "All numbers are those of nearlift",
+        "stated uncertainties: distance datum (shared by boundary).",
+        f"Near the ground, $K_b$ = {coefficient_text(quoted.coefficients['K_b'])}.",
+        titled(quoted.coefficients["K_b"].holds),
+        f"nearlift {__version__}",
         evidence.versions["numpy"],
-        f"seed {evidence.seed}.",
-    )
+    ]
+    if quoted.verdict == "not_diagnosed":
+        expected.append(f"Residuals near the ground were not diagnosed: {block['reason']}.")
+    else:
+        said = {
+            "adequate": "no residual structure was detected.",
+            "effect": "the residuals are explained by supply sag [@supply_sag]: lift",
+            "unexplained": "no candidate effect explains the residual structure.",
+        }
+        expected.append(f"Near the ground, {said[quoted.verdict]}")
+        expected.append(f"{100 * block['error']['noise_floor']:.2f} %.")
+    for part in expected:
+        assert part in text
 
 
-def test_every_sentence_of_the_methods_is_made_from_the_products(evidence, quoted):
-    text = " ".join(methods.paragraphs(evidence))
-    sentences = re.split(r"(?<=\.)\s+(?=[A-Z])", text)
-    told = list(expected(evidence, quoted))
-    assert len(sentences) == len(told)
-    for sentence, parts in zip(sentences, told, strict=True):
-        for part in parts:
-            assert part.rstrip(".") in sentence, sentence
+def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
+    cited = {
+        key
+        for group in methods.CITED.findall(methods.markdown(evidence).decode())
+        for key in group.split("; @")
+    }
+    bib = methods.references(evidence).decode()
+    assert cited == set(re.findall(r"^@\w+\{(\w+),$", bib, re.M))
+    assert {"sanchezcuevas2017", "gum2008", "numpy"} <= cited
+    assert bib.count("{") == bib.count("}")
+
+
+def test_names_from_files_do_nothing_in_markdown(evidence):
+    vehicle = evidence.campaign.vehicle.model_copy(update={"name": r"$x$ \input{y} [@z] `a`"})
+    campaign = evidence.campaign.model_copy(update={"vehicle": vehicle})
+    hostile = dataclasses.replace(evidence, campaign=campaign)
+    text = methods.markdown(hostile).decode()
+    assert "x input{y} @z a" not in text
+    assert "[@z]" not in text
+    assert r"\input" not in text
+    assert "input{y}" in methods.facts(hostile)
