@@ -34,11 +34,11 @@ def quality(evidence: Evidence) -> Markup:
         for boundary in (*BOUNDARIES, "none")
         if (mine := trials["boundary"] == boundary).any()
     ]
-    found = [set(q.split()) for q in trials["quality"]]
+    codes_of = [set(q.split()) for q in trials["quality"]]
     codes = [
         (c.name, count(TRIALS, n, f"rows with {c.name}"), c.meaning, "yes" if c.rejects else "no")
         for c in CODES
-        if (n := sum(c.name in names for names in found))
+        if (n := sum(c.name in names for names in codes_of))
     ]
     faults = trials["fault"] if "fault" in trials else np.full(len(out), "")
     left_out = [
