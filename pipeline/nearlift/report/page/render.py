@@ -48,7 +48,7 @@ class Picture:
 def scripts() -> tuple[str, str]:
     """The drawing library with its licence, and the page's own script."""
     here = resources.files("nearlift.report.page")
-    licence, library, own = (
+    licence, library, script = (
         here.joinpath(*path).read_text(encoding="utf-8")
         for path in (
             ("vendor", "vega.LICENSE.txt"),
@@ -56,7 +56,7 @@ def scripts() -> tuple[str, str]:
             ("templates", "report.js"),
         )
     )
-    return f"/*! {licence}*/\n{library}", own
+    return f"/*! {licence}*/\n{library}", script
 
 
 @functools.cache
