@@ -3,266 +3,285 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from nearlift.report.figures.style import SERIES, Style, context
+from nearlift.report.phrases import explanation
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, HeldOutRmse
+from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
 
-from .campaigns import Measured
-from .injections import HEIGHTS_MM, KINDS, SIZES, WITHHELD, Case, outcome
-from .loop import Finding
+from .campaigns import REMARKS
+from .variants import (
+    HEIGHTS_MM,
+    KINDS,
+    SIZES,
+    WITHHELD,
+    Case,
+    Finding,
+    Interval,
+    Stability,
+    outcome,
+)
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
 OUTCOMES = ("found", "missed", "false", "abstained")
-#: Marker and colour of each outcome.
+#: Colour and marker of each outcome.
 LOOKS = dict(zip(("missed", "false", "found", "abstained"), SERIES, strict=False))
-HEAD = """# Measured campaigns
-
-Made by `make measured` from the public data of `nearlift data`, which this repository does not hold. *Error*: cross-validated rms over visits (trials, where their order is unknown) in per cent of lift, with its 90 % range, of the base model and of the final one. *Floor*: noise floor.
-*Depends on*: shift of the quoted coefficient without its most influential visit. *Holds*: campaigns without one visit (of more than 24, one distance) or one trial (of more than 24, the most influential) in which the verdict is the same, and a named effect is named again or a rival.
-
-![errors before and after](figures/measured-errors.png)
-
-*Held-out error of the base model (open) and of the final one (filled), 90 % ranges; the tick is the noise floor.*
-
-| campaign | trials | verdict: effects (rivals) | error before | after | floor | quoted coefficient (90 %) | depends on | holds: visits, trials |
-|---|---|---|---|---|---|---|---|---|
-"""
-TAIL = """
-*Unexplained* campaigns have structure and no acceptable candidate. A verdict that changes without one visit or trial depends on it; the page and `results.json` (`rests_on`) say so. No campaign is of a tethered vehicle; [how to send one](public-data.md#sending-a-data-set). The five wall tables of the JIRS paper hold force and moment of the wall and no lift; `roll_moment`, `pitch_moment` and `wall_force` are carried as outcomes.
-
-"""
+TEXT = Path(__file__).with_name("page.md")
 
 
-def number(x: Any) -> str:
+class Measured(NamedTuple):
+    """Products of a campaign, and the verdict without each visit and trial."""
+
+    name: str
+    boundary: str
+    trials: int
+    diagnosis: BoundaryDiagnosis
+    quoted: BoundaryResult
+    held: Stability
+
+
+class Pair(NamedTuple):
+    """A variant's answer, and that of the campaign that it is compared with."""
+
+    case: Case
+    answer: Finding
+    without: Finding
+
+
+def products(place: Path) -> tuple[str, int, BoundaryDiagnosis, BoundaryResult]:
+    """Boundary of a campaign, its number of trials, its diagnosis and its result."""
+    diagnoses = tables.load(place / DiagnosisResults.file, DiagnosisResults).boundaries
+    [(boundary, diagnosis)] = diagnoses.items()
+    if not isinstance(diagnosis, BoundaryDiagnosis):
+        raise SystemExit(f"{place}: {diagnosis.reason}")
+    quoted = tables.load(place / Results.file, Results).boundaries[boundary]
+    trials = tables.read_table(place / TRIALS.file, TRIALS)
+    return boundary, len(trials["trial"]), diagnosis, quoted
+
+
+# ---- cells
+
+
+def number(x: float) -> str:
     """Three digits; a dash where there is none."""
-    return "–" if x is None or not math.isfinite(float(x)) else f"{float(x):.3g}"
+    return f"{x:.3g}" if math.isfinite(x) else "–"
 
 
-def percent(e: Any) -> str:
+def interval(e: Interval) -> str:
+    """A coefficient and its range."""
+    value, low, high = map(number, e)
+    return f"{value} ({low} to {high})"
+
+
+def percent(e: Interval | None) -> str:
     """An error and its range, in per cent."""
     if e is None:
         return "–"
-    value, low, high = (e["held_out_rmse"], e["lo90"], e["hi90"]) if isinstance(e, dict) else e
-    return f"{100 * value:.2f} ({100 * low:.1f} to {100 * high:.1f})"
+    value, low, high = (100 * x for x in e)
+    return f"{value:.2f} ({low:.1f} to {high:.1f})"
 
 
-def interval(e: Any) -> str:
-    """A coefficient and its range."""
-    value, low, high = e
-    return f"{number(value)} ({number(low)} to {number(high)})"
+def three(e: HeldOutRmse) -> Interval:
+    """An error and its range."""
+    return e.held_out_rmse, e.lo90, e.hi90
 
 
-def effects(found: list[tuple[str, tuple[str, ...]]]) -> str:
-    """Names with their rivals."""
-    return "; ".join(f"`{n}`" + (f" ({', '.join(r)})" if r else "") for n, r in found)
+def said(answer: Finding) -> str:
+    """Verdict with its effects, and the answer's probability."""
+    names = "; ".join(f"`{n}`" + (f" ({', '.join(r)})" if r else "") for n, r in answer.effects)
+    return f"{answer.verdict}{f': {names}' if names else ''}, {100 * answer.probability:.0f} %"
 
 
-def products(place: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
-    """Boundary, its diagnosis and its result."""
-    [(boundary, d)] = json.loads((place / "diagnosis.json").read_text())["boundaries"].items()
-    return (
-        boundary,
-        d,
-        json.loads((place / "results.json").read_text())["boundaries"][boundary],
-    )
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of Markdown."""
+    lines = (head, ["---"] * len(head), *rows)
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
 
 
-def row(one: Measured, place: Path, held: dict[str, Any]) -> tuple[str, str]:
-    """The campaign's line, and a remark for below the table."""
-    boundary, d, quoted = products(place)
-    name, c = next(iter(quoted["coefficients"].items()))
-    named = effects([(e["name"], e["rivals"]) for e in d["effects"]])
-    if d["verdict"] == "unexplained":
-        along = dict.fromkeys(s["covariate"] for s in d["structure"])
-        named = f"structure along {', '.join(along)}"
-    visit = c["influence"]["visit"]
-    on = "–" if visit is None else f"z_hat = {visit['z_hat']:.3g}: {visit['shift']:+.2g}"
-    e = d["error"]
-    cells = [
-        one.name,
-        str(len(tables.read_table(place / TRIALS.file, TRIALS)["trial"])),
-        f"**{d['verdict']}**" + (f": {named}" if named else ""),
-        percent(e["before"]),
-        percent(e["after"]),
-        f"{100 * e['noise_floor']:.2f}",
-        f"{name} = {interval((c['value'], c['lo90'], c['hi90']))}",
-        on,
-        ", ".join(f"{a} of {b}" for a, b in (held["visits"], held["trials"])),
-    ]
-    remark = f"- **{one.name}** ({d['base_model']}, {boundary}): {one.remark}."
-    if lost := held["lost"]:
-        more = "" if len(lost) <= 4 else f" and {len(lost) - 4} more"
-        remark += f" Another verdict without {', '.join(lost[:4])}{more}."
-    if partial := d.get("partial"):
-        shares = [f"`{x['name']}` {100 * x['share']:.0f} %" for x in partial[:2]]
-        remark += f" In part: {', '.join(shares)}."
-    if wanted := [n["measure"] for n in d["next_experiment"]][:2]:
-        remark += f" To measure next: {'; '.join(wanted)}."
-    logs = dict.fromkeys(w for u in d["untestable"] for w in u.get("log_next_time", u["needs"]))
-    if logs:
-        remark += f" To log next time: {', '.join(list(logs)[:6])}."
-    return "| " + " | ".join(cells) + " |", remark
+# ---- tables
 
 
-def said(found: Finding) -> str:
-    """Verdict with its effects."""
-    return f"{found.verdict}" + (f": {effects(list(found.effects))}" if found.effects else "")
+def campaigns(rows: Sequence[Measured]) -> str:
+    """Table of the campaigns as published."""
+    head = ["campaign", "trials", "verdict", "probability", "error before", "after", "floor"]
+    head += ["quoted coefficient (90 %)", "depends on", "holds: visits, trials"]
+    cells = []
+    for m in rows:
+        name, c = next(iter(m.quoted.coefficients.items()))
+        visit, e = c.influence.visit, m.diagnosis.error
+        held = (m.held.visits, m.held.trials)
+        cells.append(
+            (
+                m.name,
+                str(m.trials),
+                f"**{m.diagnosis.verdict}**" + named(m),
+                f"{100 * (m.quoted.probability or math.nan):.0f} %",
+                percent(three(e.before)) if e else "–",
+                percent(three(e.after)) if e else "–",
+                f"{100 * e.noise_floor:.2f}" if e else "–",
+                f"{name} = {interval((c.value, c.lo90, c.hi90))}",
+                f"z_hat = {visit.z_hat:.3g}: {visit.shift:+.2g}" if visit else "–",
+                ", ".join(f"{a} of {b}" for a, b in held),
+            )
+        )
+    return table(head, cells)
 
 
-WITHHELD_HEAD = """## A logged cause withheld
-
-The loop sees the campaign without the column. *Unexplained*, or a confounded cause with its rivals, is right there. One line makes a row again: `python -m measured --case NAME withheld`.
-
-| campaign | withheld | with it | without it | error before | after | coefficient with it | without it |
-|---|---|---|---|---|---|---|---|
-"""
-#: Reading of that table, of these data.
-WITHHELD_TAIL = """
-Without its supply column pitt-ras-2017 is *unexplained*, and k has the wrong sign again. Two answers are wrong. Along the rotors' axes Garofano-Soldado's campaign has a name without its tilts: `session_gain` is the cause, since each configuration is a session, and `room_recirculation` is not.
-The 12-inch rotors above ground are *adequate* without their speed: what is left in distance is too little for 20 cells.
-"""
+def named(m: Measured) -> str:
+    """Effects of a campaign, or the covariates of its structure."""
+    if m.diagnosis.verdict == "unexplained":
+        along = dict.fromkeys(s.covariate for s in m.diagnosis.structure)
+        return f": structure along {', '.join(along)}"
+    return f": {explanation(m.quoted, m.diagnosis)}" if m.quoted.effects else ""
 
 
-def withheld(pairs: list[tuple[Case, Finding, Finding]]) -> str:
+def remark(m: Measured) -> str:
+    """What a reader of the row should know, and what to measure next."""
+    found = m.diagnosis
+    parts = [f"- **{m.name}** ({found.base_model}, {m.boundary}): {REMARKS[m.name]}."]
+    if lost := m.held.lost:
+        more = f" and {len(lost) - 4} more" if len(lost) > 4 else ""
+        parts.append(f"Another verdict without {', '.join(lost[:4])}{more}.")
+    if found.partial:
+        shares = [f"`{x.name}` {100 * x.share:.0f} %" for x in found.partial[:2]]
+        parts.append(f"In part: {', '.join(shares)}.")
+    if wanted := [n.measure for n in found.next_experiment][:2]:
+        parts.append(f"To measure next: {'; '.join(wanted)}.")
+    if logs := dict.fromkeys(w for u in found.not_testable for w in u.log_next_time or u.needs):
+        parts.append(f"To log next time: {', '.join(list(logs)[:6])}.")
+    return " ".join(parts) + "\n"
+
+
+def withheld(pairs: Sequence[Pair]) -> str:
     """Table of campaigns with and without the column of a logged cause."""
-    lines = []
-    for case, without, full in pairs:
-        cells = [
-            case.campaign,
-            ", ".join(WITHHELD[case.campaign]),
-            said(full),
-            said(without),
-            percent(without.before),
-            percent(without.after),
-            f"{full.coefficient} = {interval(full.number)}",
-            interval(without.number),
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return WITHHELD_HEAD + "\n".join(lines) + "\n" + WITHHELD_TAIL
-
-
-INJECTIONS_HEAD = """## Effects put into measured trials
-
-By arithmetic on the measured means. Sizes are in units of the campaign's noise floor (rms of the relative change of lift); height offsets in mm. A campaign without start or supply gets a random order and a battery, and is compared with itself without the injection.
-*Found*: named, or a rival. *False*: a name that is neither the cause nor in the answer without the injection. *Abstained*: unexplained. *Missed*: the answer is that without the injection.
-
-![outcomes](figures/measured-injections.png)
-
-*Outcome of each injection, by campaign.*
-
-"""
-#: Reading of that table, of these data.
-INJECTIONS_TAIL = """
-- A table of 20 cells has no order, so no drift is searched, and only single effects are tried: a second one next to a first ends *unexplained*.
-- L_inf at each throttle takes up most of a zero offset, and the library limits it to 50 mN.
-- A height offset of 1 mm changes lift by 1 % at most, at the nearest distance of 50 mm: less than the noise floor.
-- In nine sweeps, a gain drift and a session gain of twice the noise end *unexplained*: both are confounded with the sag and the distance.
-"""
-
-
-def injections(found: list[tuple[Case, Finding, Finding]]) -> str:
-    """Table of outcomes by kind and size, and one of campaigns."""
-    count = Counter((c.kind, c.size, outcome(c, f, base)) for c, f, base in found)
-    anyway = sum(
-        base.verdict == "unexplained" and outcome(c, f, base) == "abstained" for c, f, base in found
+    head = ["campaign", "withheld", "with it", "without it", "error before", "after"]
+    head += ["coefficient with it", "without it"]
+    return table(
+        head,
+        [
+            (
+                case.campaign,
+                ", ".join(WITHHELD[case.campaign]),
+                said(full),
+                said(without),
+                percent(without.before),
+                percent(without.after),
+                f"{full.coefficient} = {interval(full.number)}",
+                interval(without.number),
+            )
+            for case, without, full in pairs
+        ],
     )
-    lines = [
-        "| effect | size | " + " | ".join(OUTCOMES) + " |",
-        "|---|---|" + "---|" * len(OUTCOMES),
-    ]
-    for kind in KINDS:
-        for size in HEIGHTS_MM if kind == "height_offset" else SIZES:
-            unit = " mm" if kind == "height_offset" else ""
-            cells = [str(count[kind, size, o]) for o in OUTCOMES]
-            lines.append(f"| `{kind}` | {size:g}{unit} | " + " | ".join(cells) + " |")
-    sums = [str(sum(n for key, n in count.items() if key[2] == o)) for o in OUTCOMES]
-    lines.append("| all | | " + " | ".join(sums) + " |")
-    lines += [
-        "",
+
+
+def injections(pairs: Sequence[Pair]) -> str:
+    """Table of outcomes by kind and size."""
+    count = Counter((p.case.kind, p.case.size, outcome(*p)) for p in pairs)
+    rows = [
         (
-            f"{anyway} of those that abstained are in campaigns that are unexplained anyway. All rows,"
-            " with errors and the coefficient with and without the injection:"
-            " [measured-injections.csv](measured-injections.csv). One line makes a row again:"
-            " `python -m measured --case jirs2024-ceiling-12-inch gain_drift 2`."
-        ),
-        "",
-        "| campaign | without an injection | interval holds the coefficient without it |",
-        "|---|---|---|",
+            f"`{kind}`",
+            f"{size:g}{' mm' if kind == 'height_offset' else ''}",
+            *(str(count[kind, size, o]) for o in OUTCOMES),
+        )
+        for kind in KINDS
+        for size in (HEIGHTS_MM if kind == "height_offset" else SIZES)
     ]
-    for name in dict.fromkeys(c.campaign for c, *_ in found):
-        mine = [(f, base) for c, f, base in found if c.campaign == name]
-        holds = sum(f.number[1] <= base.number[0] <= f.number[2] for f, base in mine)
-        lines.append(f"| {name} | {said(mine[0][1])} | {holds} of {len(mine)} |")
-    return INJECTIONS_HEAD + "\n".join(lines) + "\n" + INJECTIONS_TAIL
+    sums = (str(sum(n for key, n in count.items() if key[2] == o)) for o in OUTCOMES)
+    return table(("effect", "size", *OUTCOMES), [*rows, ("all", "", *sums)])
 
 
-def write_rows(path: Path, found: list[tuple[Case, Finding, Finding]]) -> None:
+def coverage(pairs: Sequence[Pair]) -> str:
+    """Table of campaigns: outcomes, and intervals that hold the coefficient without injection."""
+    rows = []
+    for name in dict.fromkeys(p.case.campaign for p in pairs):
+        mine = [p for p in pairs if p.case.campaign == name]
+        count = Counter(outcome(*p) for p in mine)
+        holds = sum(p.answer.number[1] <= p.without.number[0] <= p.answer.number[2] for p in mine)
+        counts = tuple(str(count[o]) for o in OUTCOMES)
+        rows.append((name, said(mine[0].without), *counts, f"{holds} of {len(mine)}"))
+    head = ("campaign", "without an injection", *OUTCOMES)
+    return table((*head, "interval holds the coefficient without it"), rows)
+
+
+def write(folder: Path, rows: Sequence[Measured], pairs: Sequence[Pair]) -> None:
+    """Write page, rows and figures into `folder`."""
+    put_in = [p for p in pairs if p.case.kind in KINDS]
+    parts = {
+        "campaigns": campaigns(rows),
+        "remarks": "".join(map(remark, rows)),
+        "withheld": withheld([p for p in pairs if p.case.kind == "withheld"]),
+        "injections": injections(put_in),
+        "coverage": coverage(put_in),
+    }
+    text = TEXT.read_text(encoding="utf-8")
+    for name, part in parts.items():
+        text = text.replace(f"{{{name}}}\n", part)
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    (folder / "measured.md").write_text(text, encoding="utf-8")
+    write_rows(folder / "measured-injections.csv", put_in)
+    with context(Style()):
+        for name, figure in (("errors", draw_errors(rows)), ("injections", draw(put_in))):
+            figure.savefig(
+                folder / f"figures/measured-{name}.png", dpi=160, metadata={"Software": None}
+            )
+
+
+def write_rows(path: Path, pairs: Sequence[Pair]) -> None:
     """Every injection as a row of a CSV file."""
     head = (
-        "campaign,effect,size,outcome,verdict,effects,error_before,error_after,coefficient,value,"
-        "lo90,hi90,value_without,lo90_without,hi90_without,command"
+        "campaign,effect,size,outcome,verdict,effects,probability,error_before,error_after,"
+        "coefficient,value,lo90,hi90,value_without,lo90_without,hi90_without,command"
     )
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(head.split(","))
-        for case, f, base in found:
+        for pair in pairs:
+            case, f, base = pair
+            names = "; ".join(" or ".join((n, *r)) for n, r in f.effects)
             errors = [f"{e[0]:.4g}" if e else "" for e in (f.before, f.after)]
             numbers = [f"{x:.4g}" for x in (*f.number, *base.number)]
-            names = "; ".join(" or ".join((n, *r)) for n, r in f.effects)
-            writer.writerow(
-                [
-                    case.campaign,
-                    case.kind,
-                    f"{case.size:g}",
-                    outcome(case, f, base),
-                    f.verdict,
-                    names,
-                    *errors,
-                    f.coefficient,
-                    *numbers,
-                    f"python -m measured {case.words}",
-                ]
-            )
+            row = [case.campaign, case.kind, f"{case.size:g}", outcome(*pair), f.verdict, names]
+            row += [f"{f.probability:.3f}", *errors, f.coefficient, *numbers]
+            words = f"{case.campaign} {case.kind} {case.size:g}"
+            writer.writerow([*row, f"python -m measured --case {words}"])
 
 
-def draw_errors(places: dict[str, Path]) -> Figure:
+# ---- figures
+
+
+def draw_errors(rows: Sequence[Measured]) -> Figure:
     """Held-out errors before and after, by campaign."""
-    look = Style()
-    figure = Figure(figsize=(look.double_in, 2.5), layout="constrained")
+    figure = Figure(figsize=(Style().double_in, 2.5), layout="constrained")
     ax = figure.subplots()
     colour = SERIES[0][0]
-    for i, place in enumerate(places.values()):
-        e = products(place)[1]["error"]
-        for shift, key, face in ((-0.13, "before", "white"), (0.13, "after", colour)):
-            x = [100 * e[key][k] for k in ("held_out_rmse", "lo90", "hi90")]
-            ax.errorbar(
-                x[0],
-                i + shift,
-                xerr=[[max(x[0] - x[1], 0)], [max(x[2] - x[0], 0)]],
-                color=colour,
-                marker="o",
-                markersize=4,
-                markerfacecolor=face,
-                elinewidth=0.8,
-                label=key if i == 0 else None,
-            )
-        ax.plot(
-            [100 * e["noise_floor"]] * 2,
-            [i - 0.32, i + 0.32],
-            color="0.35",
-            linewidth=1.4,
-            label="noise floor" if i == 0 else None,
+    at = np.arange(len(rows))
+    errors = [m.diagnosis.error for m in rows]
+    for key, shift, face in (("before", -0.13, "white"), ("after", 0.13, colour)):
+        x, low, high = 100 * np.array([three(getattr(e, key)) for e in errors if e]).T
+        bars = np.maximum([x - low, high - x], 0)
+        ax.errorbar(
+            x,
+            at + shift,
+            xerr=bars,
+            color=colour,
+            fmt="o",
+            markersize=4,
+            markerfacecolor=face,
+            elinewidth=0.8,
+            label=key,
         )
-    ax.set_yticks(range(len(places)), list(places))
+    floors = [100 * e.noise_floor for e in errors if e]
+    ax.vlines(floors, at - 0.32, at + 0.32, color="0.35", linewidth=1.4, label="noise floor")
+    ax.set_yticks(at, [m.name for m in rows])
     ax.tick_params(axis="y", length=0)
     ax.invert_yaxis()
     ax.set_xlim(0)
@@ -271,42 +290,28 @@ def draw_errors(places: dict[str, Path]) -> Figure:
     return figure
 
 
-def draw_injections(found: list[tuple[Case, Finding, Finding]]) -> Figure:
+def draw(pairs: Sequence[Pair]) -> Figure:
     """A mark for each injection, by campaign (rows), effect and size (columns)."""
-    look = Style()
-    names = list(dict.fromkeys(c.campaign for c, *_ in found))
-    columns = list(dict.fromkeys((c.kind, c.size) for c, *_ in found))
-    where = {}
-    for i, (kind, size) in enumerate(columns):
-        where[kind, size] = i + 0.6 * list(KINDS).index(kind)
-    figure = Figure(figsize=(look.double_in, 0.9 + 0.24 * len(names)), layout="constrained")
+    names = list(dict.fromkeys(p.case.campaign for p in pairs))
+    columns = list(dict.fromkeys((p.case.kind, p.case.size) for p in pairs))
+    where = {(k, s): i + 0.6 * KINDS.index(k) for i, (k, s) in enumerate(columns)}
+    figure = Figure(figsize=(Style().double_in, 0.9 + 0.24 * len(names)), layout="constrained")
     ax = figure.subplots()
     for name in OUTCOMES:
-        at = [
-            (where[c.kind, c.size], names.index(c.campaign))
-            for c, f, base in found
-            if outcome(c, f, base) == name
-        ]
+        mine = [p.case for p in pairs if outcome(*p) == name]
+        x = [where[c.kind, c.size] for c in mine]
+        y = [names.index(c.campaign) for c in mine]
         colour, marker = LOOKS[name]
-        x, y = np.array(at).reshape(-1, 2).T
         face = "none" if name in ("missed", "abstained") else colour
-        ax.plot(
-            x, y, linestyle="none", marker=marker, color=colour, markerfacecolor=face, label=name
-        )
-    ax.set_xticks([where[c] for c in columns], [f"{size:g}" for _, size in columns])
+        ax.plot(x, y, marker, color=colour, markerfacecolor=face, label=name)
+    ax.set_xticks(list(where.values()), [f"{size:g}" for _, size in columns])
     ax.set_yticks(range(len(names)), names)
     ax.tick_params(length=0)
     ax.set_ylim(len(names) - 0.5, -0.5)
     for kind in dict.fromkeys(kind for kind, _ in columns):
-        mine = [where[c] for c in columns if c[0] == kind]
+        middle = float(np.mean([x for (k, _), x in where.items() if k == kind]))
         unit = ", mm" if kind == "height_offset" else ""
-        ax.text(np.mean(mine), -0.75, kind.replace("_", " ") + unit, ha="center", va="bottom")
+        ax.text(middle, -0.75, kind.replace("_", " ") + unit, ha="center", va="bottom")
     ax.set_xlabel("size, in noise floors")
     figure.legend(loc="outside lower right", ncols=len(OUTCOMES))
     return figure
-
-
-def save(draw: Any, what: Any, path: Path) -> None:
-    """Draw in the style of figures and keep a PNG without dates."""
-    with context(Style()):
-        draw(what).savefig(path, dpi=160, metadata={"Software": None})

@@ -8,14 +8,14 @@ import csv
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from measured.__main__ import main
-from measured.campaigns import CAMPAIGNS
-from measured.injections import Case
-from measured.loop import Finding
+from measured.campaigns import REMARKS
+from measured.variants import STORED, Case, Finding
 from tests.datasets.test_datasets import Server, listed
 
-from measured import injections, page
+from measured import page, variants
 from nearlift.datasets import pitt_ras_older, registry
 from nearlift.randomness import generator
 
@@ -48,7 +48,8 @@ def table(*, exponent: float = 0.0) -> str:
 
 
 @pytest.fixture
-def server(tmp_path):
+def server(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEARLIFT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "published").mkdir()
     running = Server(tmp_path / "published")
     yield running
@@ -64,7 +65,6 @@ def publish(server: Server, tmp_path: Path, text: str) -> None:
 def command(tmp_path: Path, *words: str, data: str = "none") -> int:
     options = {
         "--registry": tmp_path / "list.toml",
-        "--cache": tmp_path / "cache",
         "--data": tmp_path / data,
         "--out": tmp_path / "out",
     }
@@ -94,62 +94,79 @@ def test_without_a_network_files_at_hand_serve_or_the_command_says_so(server, tm
     assert "cannot be fetched" in capsys.readouterr().err
     assert command(tmp_path, *case, data="published") == 0
     shown = capsys.readouterr()
-    assert f"{NAME}: 1 files from {server.folder}" in shown.err
+    assert f"{NAME}: packet.csv from {server.folder}" in shown.err
     assert "adequate" in shown.out
 
 
 def test_every_campaign_of_the_page_is_a_data_set():
     names = [d.name for d in registry.datasets()]
-    assert {c.name for c in CAMPAIGNS} <= set(names)
-    assert set(injections.WITHHELD) <= set(names)
+    assert {*REMARKS, *variants.WITHHELD} <= set(names)
 
 
-ROWS = [
-    {"trial": f"t{i}", "distance": "5", "throttle": "50", "lift": f"{2 + i % 3}", "session": s}
-    for i, s in enumerate("aabbcc")
-]
+TRIALS = pd.DataFrame(
+    {
+        "trial": [f"t{i}" for i in range(6)],
+        "distance": 5.0,
+        "throttle": 50,
+        "lift": [2.0, 3.0, 4.0, 2.0, 3.0, 4.0],
+        "session": list("aabbcc"),
+    }
+)
+MANIFEST = """name = "x"
+[trials]
+order = "unknown"
+[trials.units]
+distance = "cm"
+tilt = "deg"
+"""
 
 
-@pytest.mark.parametrize("kind", [k for k in injections.KINDS if k != "height_offset"])
-def test_an_injection_has_its_rms(kind):
-    rows = injections.logged(ROWS, "seed", 0.01)
-    changed = injections.injected(rows, Case("x", kind, 2.0), 0.02, 10.0)
-    before, after = (np.array([float(r["lift"]) for r in x]) for x in (rows, changed))
-    change = after / before - 1
+def variant(case: Case, folder: Path, table: pd.DataFrame, floor: float = 0.02) -> pd.DataFrame:
+    """Trials of a variant, by way of files."""
+    (folder / "campaign.toml").write_text(MANIFEST)
+    table.to_csv(folder / "trials.csv", index=False)
+    variants.write(case, folder, folder / "made", floor)
+    return pd.read_csv(folder / "made" / "trials.csv").set_index("trial").loc[table["trial"]]
+
+
+@pytest.mark.parametrize("kind", [k for k in variants.KINDS if k != "height_offset"])
+def test_an_injection_has_its_rms(kind, tmp_path):
+    made = variant(Case("x", kind, 2.0), tmp_path, TRIALS)
+    lift = TRIALS["lift"].to_numpy()
+    change = made["lift"].to_numpy() / lift - 1
     assert np.sqrt(np.mean(change**2)) == pytest.approx(0.04, rel=1e-6)
+    # the same unit size at another one
     if kind == "zero_offset":
-        np.testing.assert_allclose(after - before, (after - before)[0], rtol=1e-5)
+        np.testing.assert_allclose(change * lift, (change * lift)[0])
     if kind == "session_gain":
-        np.testing.assert_allclose(change[::2], change[1::2], rtol=1e-5)
+        np.testing.assert_allclose(change[::2], change[1::2])
     if kind == "gain_drift":
-        np.testing.assert_allclose(np.diff(change), np.diff(change)[0], rtol=1e-5)
+        start = made["start"].to_numpy()
+        np.testing.assert_allclose(change, np.polyval(np.polyfit(start, change, 1), start))
     if kind == "supply_sag":
-        volts = np.log([float(r["supply"]) for r in rows])
-        assert np.corrcoef(change, volts)[0, 1] == pytest.approx(1, abs=1e-3)
+        volts = np.log(made["supply"])
+        assert np.corrcoef(change, volts)[0, 1] == pytest.approx(1)
+        # as a lift in proportion to voltage squared has it
+        assert volts.std(ddof=0) == pytest.approx(0.02)
 
 
-def test_a_height_offset_changes_the_recorded_distance_only():
-    changed = injections.injected(ROWS, Case("x", "height_offset", 1.0), 0.02, 10.0)
-    assert {r["distance"] for r in changed} == {"5.1"}
-    assert [r["lift"] for r in changed] == [r["lift"] for r in ROWS]
+def test_a_height_offset_changes_the_recorded_distance_only(tmp_path):
+    made = variant(Case("x", "height_offset", 1.0), tmp_path, TRIALS)
+    np.testing.assert_allclose(made["distance"], 5.1)
+    assert made["lift"].tolist() == TRIALS["lift"].tolist()
 
 
-def test_a_synthetic_voltage_has_the_rms_that_is_asked_for():
-    volts = [float(r["supply"]) for r in injections.logged(ROWS, "seed", 0.01)]
-    assert np.std(np.log(volts)) == pytest.approx(0.01, rel=1e-3)
-    kept = injections.logged([{**r, "supply": "24"} for r in ROWS], "seed", 0.01)
-    assert {r["supply"] for r in kept} == {"24"}
+def test_what_the_lab_logged_is_kept(tmp_path):
+    made = variant(Case("x"), tmp_path, TRIALS.assign(supply=24, start=range(6)))
+    assert set(made["supply"]) == {24}
+    assert made["start"].tolist() == [*range(6)]
 
 
 def test_a_withheld_cause_leaves_trials_and_manifest(tmp_path):
-    (tmp_path / "campaign.toml").write_text(
-        'name = "x"\n[trials.units]\ndistance = "cm"\ntilt = "deg"\n'
-    )
-    (tmp_path / "trials.csv").write_text("trial,distance,tilt,beta,lift\na,5,10,20,3\n")
     case = Case("garofano-soldado-2023", "withheld")
-    made = injections.written(case, tmp_path, tmp_path / "made", 0.0)
-    assert (made / "trials.csv").read_text() == "trial,distance,lift\na,5,3\n"
-    manifest = (made / "campaign.toml").read_text()
+    made = variant(case, tmp_path, TRIALS.assign(tilt=10, beta=20))
+    assert made.columns.tolist() == TRIALS.columns[1:].tolist()
+    manifest = (tmp_path / "made" / "campaign.toml").read_text()
     assert f'name = "{case.name}"' in manifest
     assert "tilt" not in manifest
 
@@ -158,6 +175,7 @@ def finding(verdict: str, *effects: tuple[str, tuple[str, ...]]) -> Finding:
     return Finding(
         verdict=verdict,
         effects=effects,
+        probability=0.9,
         before=(0.02, 0.01, 0.03),
         after=None,
         floor=0.01,
@@ -167,7 +185,7 @@ def finding(verdict: str, *effects: tuple[str, tuple[str, ...]]) -> Finding:
 
 
 @pytest.mark.parametrize(
-    ("found", "without", "expected"),
+    ("answer", "without", "expected"),
     [
         (finding("effect", ("gain_drift", ())), finding("adequate"), "found"),
         (finding("effect", ("warm_up", ("gain_drift",))), finding("adequate"), "found"),
@@ -177,21 +195,20 @@ def finding(verdict: str, *effects: tuple[str, tuple[str, ...]]) -> Finding:
         (finding("adequate"), finding("adequate"), "missed"),
     ],
 )
-def test_outcomes(found, without, expected, tmp_path):
-    assert injections.outcome(Case("x", "gain_drift", 2.0), found, without) == expected
-    found.save(tmp_path / "kept" / "x.json")
-    assert Finding.load(tmp_path / "kept" / "x.json") == found
+def test_outcomes(answer, without, expected):
+    assert variants.outcome(Case("x", "gain_drift", 2.0), answer, without) == expected
+    assert STORED.validate_json(STORED.dump_json(answer)) == answer
 
 
 def test_rows_are_reproducible_by_their_command(tmp_path):
     case = Case("jirs2024-ceiling-12-inch", "gain_drift", 2.0)
-    pair = (case, finding("unexplained"), finding("adequate"))
+    pair = page.Pair(case, finding("unexplained"), finding("adequate"))
     page.write_rows(tmp_path / "rows.csv", [pair])
     [row] = csv.DictReader((tmp_path / "rows.csv").open())
     assert row["outcome"] == "abstained"
     assert row["command"] == f"python -m measured --case {case.campaign} gain_drift 2"
-    text = page.injections([pair])
-    assert "| `gain_drift` | 2 | 0 | 0 | 0 | 1 |" in text
+    assert "| `gain_drift` | 2 | 0 | 0 | 0 | 1 |" in page.injections([pair])
+    assert f"| {case.campaign} | adequate, 90 % | 0 | 0 | 0 | 1 | 1 of 1 |" in page.coverage([pair])
 
 
 def test_older_sweeps_are_read_from_their_script(tmp_path):
