@@ -237,7 +237,7 @@ def diagnosed(campaign: Campaign, data: Observations) -> Finding:
     name, c = next(iter(coefficients.answers(answer).estimates().after.items()))
     return Finding(
         verdict=answer.verdict,
-        effects=tuple((e.name, tuple(e.rivals)) for e in named_effects(problem, answer)),
+        effects=tuple((e.name, tuple(e.rivals)) for e in named_effects(answer)),
         probability=answer.probability,
         before=before,
         after=after,
