@@ -97,7 +97,7 @@ def three(e: HeldOutRmse) -> Interval:
 
 def said(answer: Finding) -> str:
     """Verdict with its effects, and the answer's probability."""
-    names = "; ".join(f"`{n}`" + (f" ({', '.join(r)})" if r else "") for n, r in answer.effects)
+    names = ", or ".join(" and ".join(f"`{n}`" for n in e) for e in answer.explanations)
     return f"{answer.verdict}{f': {names}' if names else ''}, {100 * answer.probability:.0f} %"
 
 
@@ -246,7 +246,7 @@ def write_rows(path: Path, pairs: Sequence[Pair]) -> None:
         writer.writerow(head.split(","))
         for pair in pairs:
             case, f, base = pair
-            names = "; ".join(" or ".join((n, *r)) for n, r in f.effects)
+            names = " or ".join(map(" and ".join, f.explanations))
             errors = [f"{e[0]:.4g}" if e else "" for e in (f.before, f.after)]
             numbers = [f"{x:.4g}" for x in (*f.number, *base.number)]
             row = [case.campaign, case.kind, f"{case.size:g}", outcome(*pair), f.verdict, names]

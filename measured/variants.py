@@ -26,7 +26,6 @@ from nearlift.errors import NotConverged
 from nearlift.likelihood import budget, noise
 from nearlift.loop import coefficients, confirmation
 from nearlift.loop.diagnose import decide, set_up
-from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
 from nearlift.observed import boundaries, choice, observe
 from nearlift.randomness import generator
@@ -165,13 +164,13 @@ def relative_change(table: pd.DataFrame, kind: str) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Answer of the loop: named effects with their rivals, probability of the answer, held-out rms
-    error in fractions of lift (value and 90 % interval), noise floor, and the headline coefficient
-    (value and 90 % interval).
+    """Answer of the loop: explanations (each the names of its effects, the likeliest first),
+    probability of the answer, held-out rms error in fractions of lift (value and 90 % interval),
+    noise floor, and the headline coefficient (value and 90 % interval).
     """
 
     verdict: str
-    effects: tuple[tuple[str, tuple[str, ...]], ...]
+    explanations: tuple[tuple[str, ...], ...]
     probability: float
     before: Interval | None
     after: Interval | None
@@ -182,7 +181,7 @@ class Finding:
     @property
     def names(self) -> set[str]:
         """All names in the answer, rivals included."""
-        return {name for first, rivals in self.effects for name in (first, *rivals)}
+        return {name for names in self.explanations for name in names}
 
 
 STORED = TypeAdapter(Finding)
@@ -194,7 +193,7 @@ def outcome(case: Case, answer: Finding, without: Finding) -> str:
     """
     if case.kind in answer.names - without.names:
         return "found"
-    if answer.effects and not answer.names & (without.names | {case.kind}):
+    if answer.names and not answer.names & (without.names | {case.kind}):
         return "false"
     if answer.verdict == "unexplained":
         return "abstained"
@@ -237,7 +236,7 @@ def diagnosed(campaign: Campaign, data: Observations) -> Finding:
     name, c = next(iter(coefficients.answers(answer).estimates().after.items()))
     return Finding(
         verdict=answer.verdict,
-        effects=tuple((e.name, tuple(e.rivals)) for e in named_effects(answer)),
+        explanations=tuple(e.effects for e in answer.accepted),
         probability=answer.probability,
         before=before,
         after=after,

@@ -171,10 +171,10 @@ def test_a_withheld_cause_leaves_trials_and_manifest(tmp_path):
     assert "tilt" not in manifest
 
 
-def finding(verdict: str, *effects: tuple[str, tuple[str, ...]]) -> Finding:
+def finding(verdict: str, *effects: str) -> Finding:
     return Finding(
         verdict=verdict,
-        effects=effects,
+        explanations=tuple((e,) for e in effects),
         probability=0.9,
         before=(0.02, 0.01, 0.03),
         after=None,
@@ -187,10 +187,10 @@ def finding(verdict: str, *effects: tuple[str, tuple[str, ...]]) -> Finding:
 @pytest.mark.parametrize(
     ("answer", "without", "expected"),
     [
-        (finding("effect", ("gain_drift", ())), finding("adequate"), "found"),
-        (finding("effect", ("warm_up", ("gain_drift",))), finding("adequate"), "found"),
-        (finding("effect", ("warm_up", ())), finding("adequate"), "false"),
-        (finding("effect", ("tilt", ())), finding("effect", ("tilt", ())), "missed"),
+        (finding("effect", "gain_drift"), finding("adequate"), "found"),
+        (finding("effect", "warm_up", "gain_drift"), finding("adequate"), "found"),
+        (finding("effect", "warm_up"), finding("adequate"), "false"),
+        (finding("effect", "tilt"), finding("effect", "tilt"), "missed"),
         (finding("unexplained"), finding("adequate"), "abstained"),
         (finding("adequate"), finding("adequate"), "missed"),
     ],
