@@ -16,7 +16,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import solver
 from nearlift.fit.information import parameter_covariance
-from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
+from nearlift.fit.significance import REJECTS, chance, f_test, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.noise import MOST_MEANS
 from nearlift.likelihood.problem import Problem
@@ -65,7 +65,7 @@ def examine(
             centred = np.eye(known.sum()) - 1 / known.sum()
             u_apart = np.sqrt(np.diag(centred @ covariance @ centred))
             each = {
-                t: ThrottleCoefficient(**interval(value, u, reach90), u_apart=float(apart))
+                t: ThrottleCoefficient.around(value, u, reach90, u_apart=float(apart))
                 for t, value, u, apart in zip(
                     throttle, values, np.sqrt(np.diag(covariance)), u_apart, strict=True
                 )

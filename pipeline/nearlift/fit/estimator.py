@@ -141,6 +141,7 @@ class Estimator:
                 np.isfinite(high - low) and min(value - low, high - value) < 1e-6 * (high - low)
             ),
             answers=answers,
+            warning=None,
         )
 
     def doubt(self, i: int, condition: str, value: float, u: float) -> Doubt:

@@ -21,7 +21,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import solver
 from nearlift.fit.information import parameter_covariance
-from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
+from nearlift.fit.significance import REJECTS, chance, f_test, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Estimate, IntArray, Observations
@@ -107,10 +107,8 @@ def examine(
             for x in at_exponents(problem, theta, exponents)
         ]
         return tuple(
-            ExponentFit(
-                n=x.n,
-                **interval(x.value, x.u, reach90),
-                p_value=test.p_value if test else float("nan"),
+            ExponentFit.around(
+                x.value, x.u, reach90, n=x.n, p_value=test.p_value if test else float("nan")
             )
             for x, test in tested
         )
@@ -122,7 +120,7 @@ def examine(
         declared_text=DECLARED[declared],
         coefficient=problem.names[0],
         plausible=plausible,
-        exponent_from_lift=(Estimate(**interval(n, u_n, reach90)) if np.isfinite(n) else None),
+        exponent_from_lift=Estimate.around(n, u_n, reach90) if np.isfinite(n) else None,
         logged=tuple(r.logged for r in responses),
         supported_exponents=supported,
         range=ExponentRange(
@@ -303,7 +301,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     within = y - levels @ np.linalg.lstsq(levels, y, rcond=None)[0]
     # what is constant to rounding was held
     p = float(2 * t.sf(abs(slope) / u, dof)) if u > 1e-9 else float(abs(slope) < 1e-6)
-    estimate = Estimate(**interval(slope, u, student.NORMAL_90))
+    estimate = Estimate.around(slope, u, student.NORMAL_90)
     return Response(
         logged=LoggedResponse(
             quantity=quantity,

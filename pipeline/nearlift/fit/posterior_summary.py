@@ -17,10 +17,9 @@ from nearlift.fit.density import Density
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.fit.prior import compare_with_fit, compare_with_prior
-from nearlift.results.estimate import ValueWithU
+from nearlift.results.estimate import Estimate
 from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import (
-    DrawnEstimate,
     PosteriorParameter,
     PosteriorSummary,
     level_name,
@@ -72,7 +71,7 @@ def add_posterior(
         columns |= {level_name(t): drawn.levels_N[:, :, i] for i, t in throttles}
     rows = [_rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()]
     summary = _summary(density, drawn, fitted, data_sha256)
-    evidence = ValueWithU(value=drawn.log_evidence, u=drawn.u_log_evidence)
+    evidence = Estimate(value=drawn.log_evidence, u=drawn.u_log_evidence)
     unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
     entry = replace(entry, log_evidence=evidence, posterior=summary)
     return entry, rows, [f"{boundary}: {text}" for text in unlike]
@@ -138,9 +137,9 @@ def _parameter(
     )
 
 
-def _level(draws: FloatArray) -> DrawnEstimate:
+def _level(draws: FloatArray) -> Estimate:
     mean, sd, (low, median, high) = _moments(draws.ravel())
-    return DrawnEstimate(value=mean, u=sd, median=median, lo90=low, hi90=high, unit="N")
+    return Estimate(value=mean, u=sd, median=median, lo90=low, hi90=high, unit="N")
 
 
 def _summary(

@@ -19,7 +19,7 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.effects.gain import STANDARD, density
 from nearlift.fit.held_quantity import Response, logged
-from nearlift.fit.significance import REJECTS, chance, interval
+from nearlift.fit.significance import REJECTS, chance
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Estimate, Observations
@@ -143,15 +143,15 @@ def examine(
         air_density=air,
         air_density_from=how,
         per_throttle={
-            x: ThrottleLift(speed_Hz=f, **interval(c, u_c, student.NORMAL_90))
+            x: ThrottleLift.around(c, u_c, student.NORMAL_90, speed_Hz=f)
             for x, f, c, u_c in zip(data.levels[known], speed, C_L, u, strict=True)
         },
-        mean=Estimate(**interval(law.mean, law.u_mean, student.NORMAL_90)),
+        mean=Estimate.around(law.mean, law.u_mean, student.NORMAL_90),
         p_constant=law.p_constant,
         exponent=(
             None
             if law.p_trend is None
-            else Estimate(**interval(law.exponent, law.u_exponent, student.quantile(0.95, law.dof)))
+            else Estimate.around(law.exponent, law.u_exponent, student.quantile(0.95, law.dof))
         ),
         law=SpeedLaw(C_L=law.C_middle, speed_Hz=law.middle_Hz),
         p_trend=law.p_trend,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
-
 import numpy as np
 
 from nearlift.results.assumptions import CollapseTest
@@ -38,22 +36,3 @@ def chance(p: float) -> str:
 def percent(x: float) -> str:
     """A fraction in per cent: two digits, and whole numbers from ten on."""
     return f"{100 * x:.0f}" if x >= 0.1 else f"{100 * x:.2g}"
-
-
-class Interval90(TypedDict):
-    """Value, standard uncertainty and 90 % interval of an estimate."""
-
-    value: float
-    u: float
-    lo90: float
-    hi90: float
-
-
-def interval(value: float, u: float, quantile: float) -> Interval90:
-    """An estimate with the 90 % interval ``value - quantile u`` to ``value + quantile u``."""
-    return {
-        "value": float(value),
-        "u": float(u),
-        "lo90": float(value - quantile * u),
-        "hi90": float(value + quantile * u),
-    }

@@ -5,7 +5,7 @@ uncertainty.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.profiles import Profile
 from nearlift.likelihood import noise
 from nearlift.likelihood.level_curve import held_out_rms
-from nearlift.results import IntArray
-from nearlift.results.fit import CoefficientEstimate, HeightError, ModelFit, ParameterCovariance
+from nearlift.results import Estimate, IntArray
+from nearlift.results.fit import ModelFit, ParameterCovariance
 from nearlift.results.levels import LevelFit
 
 #: Degrees of freedom below which an uncertainty is flagged.
@@ -33,7 +33,7 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
     return ModelFit(
         title=fit.model.title,
         parameters={
-            name: CoefficientEstimate(**asdict(e), dof=float(dof), warning=_warning(float(dof)))
+            name: replace(e, dof=float(dof), warning=_warning(float(dof)))
             for (name, e), dof in zip(fit.estimates.items(), fit.effective, strict=True)
         },
         covariance=ParameterCovariance.named(fit.names, fit.covariance),
@@ -58,13 +58,13 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
     )
 
 
-def _height_error(fit: LeastSquaresFit) -> HeightError | None:
+def _height_error(fit: LeastSquaresFit) -> Estimate | None:
     """Height error where the fit is linearised about one."""
     if not fit.problem.offset_m:
         return None
     standard = height_error.standard_m(height_error.common(fit.parts, fit.problem.data))
     u = height_error.u_m(fit.problem, fit.theta, fit.slope, standard)
-    return HeightError(value=fit.problem.offset_m, u=u)
+    return Estimate(value=fit.problem.offset_m, u=u, unit="m")
 
 
 def closeness(fit: LeastSquaresFit) -> tuple[float, float, float | None]:

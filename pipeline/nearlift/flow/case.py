@@ -14,6 +14,7 @@ from nearlift.flow import downwash, topology
 from nearlift.flow.average import Average, average
 from nearlift.flow.downwash import Cut, CutDownwash
 from nearlift.flow.field import Half, Scene, VelocityField, mirrored, spurious
+from nearlift.results import Estimate
 
 Rows = Iterator[dict[str, object]]
 
@@ -116,7 +117,7 @@ class FlowCase:
 
     def downwash_rows(self, control: FlowCase) -> Rows:
         """Rows of downwash.parquet."""
-        none = downwash.DownwashReduction(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
+        none = Estimate(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
         for rotor, d in self.cuts.items():
             other = control.cuts.get(rotor, control.cuts["all"])
             less = none if self.name == control.name else downwash.reduction(d, other)

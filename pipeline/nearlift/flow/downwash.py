@@ -17,6 +17,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.flow.average import Average, series_tau
 from nearlift.flow.field import Scene, VelocityField, has_flipped_component, is_transposed
+from nearlift.results import Estimate
 
 #: Clearances below this many radii lie in the zone in which an impinging jet is turned (about one
 #: jet diameter above the plate).
@@ -101,18 +102,6 @@ class CutDownwash:
     n_eff: float
     clearance_hat: float
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DownwashReduction:
-    """1 - downwash / control's downwash, with standard uncertainty and 90 % interval; the velocity
-    scale cancels.
-    """
-
-    value: float
-    u: float
-    lo90: float
-    hi90: float
 
 
 def along_cut(vy: FloatArray, y_m: FloatArray, below_m: float) -> FloatArray:
@@ -249,7 +238,7 @@ def _warnings(
     return tuple(name for name, holds in warnings.items() if holds)
 
 
-def reduction(case: CutDownwash, control: CutDownwash) -> DownwashReduction:
+def reduction(case: CutDownwash, control: CutDownwash) -> Estimate:
     """How much less downwash a case has than its control; intervals with the effective degrees of
     freedom of Welch and Satterthwaite.
     """
@@ -265,12 +254,12 @@ def reduction(case: CutDownwash, control: CutDownwash) -> DownwashReduction:
     parts.append((ratio * (case.span / case.value - control.span / control.value), math.inf))
     variance = sum(u**2 for u, _ in parts)
     if not math.isfinite(variance):
-        return DownwashReduction(value=1 - ratio, u=math.nan, lo90=math.nan, hi90=math.nan)
+        return Estimate(value=1 - ratio, u=math.nan, lo90=math.nan, hi90=math.nan)
     small = sum(u**4 / dof for u, dof in parts if math.isfinite(dof))
     dof = variance**2 / small if small > 0 else math.inf
     u = math.sqrt(variance)
     quantile = float(t.ppf(0.95, min(dof, 1e6)))
-    return DownwashReduction(
+    return Estimate(
         value=1 - ratio, u=u, lo90=1 - ratio - quantile * u, hi90=1 - ratio + quantile * u
     )
 

@@ -17,7 +17,7 @@ from nearlift.loop.search import Answer, run
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Noise, Observations
 from nearlift.results.diagnosis import HeldOutRmse, LoopError
-from nearlift.results.estimate import Interval
+from nearlift.results.estimate import Estimate
 
 #: Folds, where visits are more than `FEW_VISITS`; else each visit is left out in turn.
 FOLDS = 3
@@ -273,7 +273,7 @@ def error(answer: Answer, scored: HeldOut, noise_floor: float) -> LoopError:
     changed = None
     if named:
         value, low, high = change(scored.before[keep], scored.after[keep], scored.visit[keep])
-        changed = Interval(value=value, lo90=low, hi90=high)
+        changed = Estimate(value=value, lo90=low, hi90=high)
     return LoopError(
         noise_floor=noise_floor,
         before=before,

@@ -10,12 +10,10 @@ from nearlift.declare import FloatArray
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.coefficients import inverse
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.results.estimate import ValueWithU
+from nearlift.results.estimate import Estimate
 
 
-def far_lift(
-    problem: SearchProblem, fitted: Fitted, nuisance: FloatArray
-) -> dict[float, ValueWithU]:
+def far_lift(problem: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> dict[float, Estimate]:
     """L_inf at each throttle, in the average conditions of the trials at that throttle.
 
     Effects that act far away, such as a sagging supply, are included at their mean over those
@@ -44,5 +42,5 @@ def far_lift(
         weight = np.concatenate([shown[k], slope[here].mean(axis=0), np.zeros(nuisance.shape[1])])
         value = float(np.exp(shown[k] @ levels + change[here].mean()))
         u = value * float(np.sqrt(weight @ covariance @ weight))
-        by_throttle[float(throttle)] = ValueWithU(value=value, u=u)
+        by_throttle[float(throttle)] = Estimate(value=value, u=u)
     return by_throttle

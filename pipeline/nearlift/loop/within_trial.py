@@ -11,7 +11,7 @@ import numpy as np
 from nearlift.declare import Effect
 from nearlift.results import Observations
 from nearlift.results.diagnosis import WithinTrial
-from nearlift.results.estimate import Interval
+from nearlift.results.estimate import Estimate
 from nearlift.results.explanation import WithinTrialPower
 
 #: Mean change over a record, a fraction of lift, below which significance has no consequence.
@@ -36,7 +36,7 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> Wit
     significant = p_value < rate and abs(value) > HARMLESS
     names = [e.name for e in library if e.within_trial]
     return WithinTrial(
-        change_over_record=Interval(value=value, lo90=value - half, hi90=value + half),
+        change_over_record=Estimate(value=value, lo90=value - half, hi90=value + half),
         p_value=p_value,
         significant=significant,
         candidates=tuple(names) if significant else (),

@@ -35,8 +35,8 @@ from nearlift.results.explanation import (
     EffectWithinTrial,
     NoCandidate,
     Signature,
-    UnnoticedShift,
 )
+from nearlift.results.outlook import UnseenBias
 
 
 def explain(
@@ -179,9 +179,7 @@ def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectCurves:
         power=power,
         confused_with=tuple(sorted(confused, key=lambda c: (-c.rival_chance, -c.energy_absorbed))),
         bias={
-            p.name: UnnoticedShift(
-                value=float(v), shift=float(d), in_u=float(d / s) if s > 0 else 0.0
-            )
+            p.name: UnseenBias(value=float(v), shift=float(d), in_u=float(d / s) if s > 0 else 0.0)
             for p, v, d, s in zip(stage.base.parameters, value, shift, u, strict=True)
         },
     )

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from nearlift.declare import Boundary
 from nearlift.results.document import Below, IfAny, Json, NumberKey, Real, as_json
-from nearlift.results.estimate import Estimate, Interval, Noise, ValueWithU
+from nearlift.results.estimate import Estimate, Noise
 from nearlift.results.fit import ParameterCovariance
 from nearlift.results.outlook import (
     NextExperiment,
@@ -26,7 +26,7 @@ FORM_SD = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LoopEstimate(Interval):
+class LoopEstimate(Estimate):
     """A coefficient, or an effect's parameter, as the loop knows it.
 
     Attributes
@@ -37,13 +37,10 @@ class LoopEstimate(Interval):
         90 % interval given the named explanation.
     constrained : (float, float) or None
         90 % interval with every effect that was not found as a nuisance of its physical size.
-    unit : str or None
-        Of an effect's parameter.
     """
 
     conditional: IfAny[tuple[float, float]] = None
     constrained: IfAny[tuple[float, float]] = None
-    unit: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +179,7 @@ class LoopError:
     noise_floor: Real
     before: HeldOutRmse
     after: HeldOutRmse
-    change: IfAny[Interval] = None
+    change: IfAny[Estimate] = None
     held_out_trials: int
     chosen_in_folds: tuple[str, ...]
 
@@ -222,7 +219,7 @@ class CoefficientLimit:
 class WithinTrial:
     """Change of lift over a record, and the effects that may be at work in it."""
 
-    change_over_record: Interval
+    change_over_record: Estimate
     p_value: Real
     significant: bool
     candidates: tuple[str, ...]
@@ -259,7 +256,7 @@ class BoundaryDiagnosis:
         None where no visit can be predicted from the others.
     noise : Noise
         The noise floor (``noise_floor`` in the file).
-    L_inf_N : mapping of float to ValueWithU
+    L_inf_N : mapping of float to Estimate
         L_inf per throttle by the accepted model, in the average conditions of its trials.
     """
 
@@ -281,7 +278,7 @@ class BoundaryDiagnosis:
     look: IfAny[InterimClaim] = None
     error: IfAny[LoopError] = None
     noise: Annotated[Noise, Field(alias="noise_floor")]
-    L_inf_N: Mapping[NumberKey, ValueWithU]
+    L_inf_N: Mapping[NumberKey, Estimate]
     coefficients: LoopCoefficients
     limits: tuple[CoefficientLimit, ...]
     within_trial: WithinTrial | None

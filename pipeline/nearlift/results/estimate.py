@@ -4,51 +4,58 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, Self
 
 from pydantic import Field, computed_field
 
 from nearlift.results.document import Above, Below, IfAny, Real, Unbounded, Unwritten
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
-    """A number with its 90 % interval."""
-
-    value: Real
-    lo90: Below
-    hi90: Above
+#: Default of a number that an estimate does not have; it is not written.
+ABSENT = float("nan")
+_LEFT_OUT = Field(exclude_if=lambda number: number is ABSENT)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Intervals:
-    """Ends of the intervals of 68, 90 and 95 %."""
+class Estimate:
+    """A number with its uncertainty, by the same names wherever one is saved.
 
-    lo68: Real
-    hi68: Real
-    lo90: Real
-    hi90: Real
-    lo95: Real
-    hi95: Real
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate(Interval):
-    """A number in `unit` with its standard uncertainty and 90 % interval. Parameters of a model
-    have `at_bound`: whether it is at the end of its range.
+    Attributes
+    ----------
+    u, dof : float
+        Standard uncertainty, and effective degrees of freedom behind it.
+    unit : str
+        "1" without dimension.
+    lo68, hi68, lo90, hi90, lo95, hi95 : float
+        Ends of the intervals of 68, 90 and 95 %.
+    median : float
+        Of draws, whose mean is the value.
+    at_bound : bool or None
+        Whether a parameter is at the end of its range.
+    warning : str or None
+        Where the degrees of freedom are few.
     """
 
-    u: Unbounded
-    unit: str = "1"
-    at_bound: IfAny[bool] = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ValueWithU:
-    """A number with its standard uncertainty."""
-
     value: Real
-    u: Real
+    u: Annotated[Unbounded, _LEFT_OUT] = ABSENT
+    dof: Annotated[Unbounded, _LEFT_OUT] = ABSENT
+    unit: Annotated[str, Field(exclude_if=lambda unit: not unit)] = ""
+    lo68: Annotated[Below, _LEFT_OUT] = ABSENT
+    hi68: Annotated[Above, _LEFT_OUT] = ABSENT
+    lo90: Annotated[Below, _LEFT_OUT] = ABSENT
+    hi90: Annotated[Above, _LEFT_OUT] = ABSENT
+    lo95: Annotated[Below, _LEFT_OUT] = ABSENT
+    hi95: Annotated[Above, _LEFT_OUT] = ABSENT
+    median: Annotated[Real, _LEFT_OUT] = ABSENT
+    at_bound: IfAny[bool] = None
+    warning: IfAny[str] = None
+
+    @classmethod
+    def around(cls, value: float, u: float, quantile: float, **more: Any) -> Self:
+        """An estimate without dimension, its 90 % interval `quantile` standard uncertainties to
+        either side.
+        """
+        low, high = float(value - quantile * u), float(value + quantile * u)
+        return cls(value=float(value), u=float(u), unit="1", lo90=low, hi90=high, **more)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

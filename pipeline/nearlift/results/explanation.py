@@ -13,6 +13,7 @@ from nearlift.results.diagnosis import LoopEstimate
 from nearlift.results.document import Above, Below, IfAny, Numbers, Real, Unbounded
 from nearlift.results.estimate import Noise
 from nearlift.results.observations import Observations
+from nearlift.results.outlook import UnseenBias
 from nearlift.results.quotation import Verdict
 
 
@@ -101,15 +102,6 @@ class Confusion:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UnnoticedShift:
-    """A coefficient, and its shift by an undetected effect, also in its own `u`."""
-
-    value: Real
-    shift: Real
-    in_u: Real
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class EffectSize:
     """One of an effect's sizes.
 
@@ -137,7 +129,7 @@ class EffectSize:
     signature: Signature
     power: Power | None
     confused_with: tuple[Confusion, ...]
-    bias: Mapping[str, UnnoticedShift]
+    bias: Mapping[str, UnseenBias]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

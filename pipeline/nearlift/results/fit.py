@@ -12,19 +12,9 @@ from typing import ClassVar, Literal
 from nearlift.declare import Boundary, FloatArray
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
 from nearlift.results.document import IfAny, Json, NumberKey, Real, Unbounded, as_json
-from nearlift.results.estimate import Estimate, Intervals, Noise, ValueWithU
+from nearlift.results.estimate import Estimate, Noise
 from nearlift.results.levels import LevelFit
 from nearlift.results.posterior import PosteriorSummary
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CoefficientEstimate(Estimate):
-    """A coefficient by least squares; `dof` effective degrees of freedom behind `u`, and a warning
-    where they are few.
-    """
-
-    dof: Unbounded
-    warning: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,13 +62,19 @@ class ExcludedTrial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProfileIntervals(Intervals):
-    """Intervals of one coefficient by its profile likelihood.
+class ProfileIntervals:
+    """Intervals of one coefficient by its profile likelihood, of 68, 90 and 95 %.
 
     An end is nan where the profile does not rise enough before it stops; `open` names those ends
     (``low``, ``high``) by level. `skew` is upper over lower part of the 90 % interval.
     """
 
+    lo68: Real
+    hi68: Real
+    lo90: Real
+    hi90: Real
+    lo95: Real
+    hi95: Real
     open: Mapping[str, tuple[str, ...]]
     skew: Real
 
@@ -142,13 +138,6 @@ class UndeclaredInput:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeightError(ValueWithU):
-    """Most probable height error that all trials share, m, where the slope does not carry it."""
-
-    unit: str = "m"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ModelFit:
     """One lift model fitted to one boundary.
 
@@ -165,12 +154,14 @@ class ModelFit:
         Against the scatter of repeats.
     rmse, r2, aic, bic : float
         Relative root-mean-square residual; R² of cell means of `delta_L`; information criteria.
+    height_error : Estimate or None
+        Most probable height error that all trials share, m, where the slope does not carry it.
     r2_near : float or None
         The same R² within `r2_near_range`; at the ground only, nan where too few cells are.
     """
 
     title: str
-    parameters: Mapping[str, CoefficientEstimate]
+    parameters: Mapping[str, Estimate]
     covariance: ParameterCovariance
     chi2: Real
     dof: int
@@ -189,12 +180,12 @@ class ModelFit:
     profiles: Mapping[str, ProfileIntervals]
     would_halve: Mapping[str, Halving]
     undeclared: tuple[UndeclaredInput, ...]
-    height_error: IfAny[HeightError] = None
-    log_evidence: IfAny[ValueWithU] = None
+    height_error: IfAny[Estimate] = None
+    log_evidence: IfAny[Estimate] = None
     posterior: IfAny[PosteriorSummary] = None
 
     @property
-    def coefficients(self) -> Mapping[str, CoefficientEstimate]:
+    def coefficients(self) -> Mapping[str, Estimate]:
         """The parameters, by what they are called once fitted."""
         return self.parameters
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from nearlift.results.document import Real
+from nearlift.results.document import IfAny, Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,10 +78,11 @@ class SilentEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenBias:
-    """Shift of a coefficient by an undetected effect; `in_u` in its standard
-    uncertainties.
+    """Shift of a coefficient (its `value`, where that is known) by an undetected effect; `in_u` in
+    its standard uncertainties.
     """
 
+    value: IfAny[float] = None
     shift: Real
     in_u: Real
 

@@ -43,14 +43,7 @@ class DeclaredPrior:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DrawnEstimate(Estimate):
-    """Mean, standard deviation, median and 90 % interval of draws."""
-
-    median: Real
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PosteriorParameter(DrawnEstimate):
+class PosteriorParameter(Estimate):
     """One parameter after the data.
 
     Attributes
@@ -98,7 +91,7 @@ class PosteriorSummary:
     noise_dof: Unbounded
     checks: tuple[SamplerCheck, ...]
     parameters: Mapping[str, PosteriorParameter]
-    L_inf_N: Mapping[NumberKey, DrawnEstimate]
+    L_inf_N: Mapping[NumberKey, Estimate]
 
 
 #: Name of L_inf in posterior.parquet, before its throttle.

@@ -25,7 +25,7 @@ from pydantic import Field
 
 from nearlift.declare import Boundary
 from nearlift.results.document import IfAny, Real, Unbounded
-from nearlift.results.estimate import Interval, Intervals
+from nearlift.results.estimate import Estimate
 from nearlift.rounding import plain
 
 #: Levels of the intervals, in percent.
@@ -104,7 +104,7 @@ class LargestShifts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt(Interval):
+class Doubt(Estimate):
     """Coefficient under another `condition` (``if`` in the file); `explanation`: the effects that
     it assumes, as "a + b".
     """
@@ -114,7 +114,7 @@ class Doubt(Interval):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CoefficientResult(Intervals):
+class CoefficientResult(Estimate):
     """The value to quote, with its intervals within the coefficient's declared range.
 
     Attributes
@@ -130,15 +130,10 @@ class CoefficientResult(Intervals):
         How many explanations that the interval covers.
     """
 
-    value: Real
-    u: Unbounded
-    dof: Unbounded
-    unit: str
     holds: str
     budget: tuple[BudgetLine, ...] = ()
     influence: LargestShifts = LargestShifts()
     doubts: tuple[Doubt, ...] = ()
-    at_bound: bool = False
     answers: int = 1
 
 
@@ -193,7 +188,7 @@ class Correlation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class IdentifiedSize(Interval):
+class IdentifiedSize(Estimate):
     """One size of an identified effect, with its 90 % interval.
 
     Attributes
@@ -204,7 +199,6 @@ class IdentifiedSize(Interval):
 
     effect: str
     parameter: str
-    unit: str
     lift_percent: Real
 
 
