@@ -10,8 +10,8 @@ from tests.unit import small_run
 from nearlift import schedule as schedules
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, UsageError
+from nearlift.planning.plans import Traverse
 from nearlift.planning.question import ROUNDS, VisitQuestion
-from nearlift.planning.rows import Traverse
 from nearlift.report import visits
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages.fit import RESULTS

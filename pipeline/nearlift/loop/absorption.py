@@ -10,7 +10,7 @@ from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.families import indicators
 from nearlift.loop.few_visits import applies
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.results.diagnosis import CoefficientLimit, Station
+from nearlift.results.diagnosis import CoefficientLimit
 
 #: Share of a coefficient's information from one distance that makes it depend on that distance.
 SINGLE_VISIT_SHARE = 0.5
@@ -49,7 +49,7 @@ def unidentifiable_coefficients(
             absorbing.append(
                 CoefficientLimit(
                     coefficient=parameter.name,
-                    rests_on=Station(z_hat=where),
+                    rests_on={"z_hat": where},
                     share=share,
                     text=text,
                 )

@@ -23,7 +23,7 @@ from nearlift.loop.size_parameter import (
 )
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import Noise
-from nearlift.results.design import BoundaryOutlook, ExpectedCoefficient, ExpectedNoise
+from nearlift.results.design import BoundaryOutlook, ExpectedCoefficient
 from nearlift.results.outlook import (
     DetectionLimit,
     EffectOutlook,
@@ -79,12 +79,7 @@ def outlook(
         effects=rows,
         groups=groups(rows),
         limits=unidentifiable_coefficients(problem, problem.base_fit),
-        expected_noise=ExpectedNoise(
-            relative=expected.relative,
-            force_N=expected.force_N,
-            height_m=expected.height_m,
-            source=expected.source,
-        ),
+        expected_noise=expected,
         untestable=untestable,
     )
 

@@ -211,7 +211,7 @@ def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment
                 " gain shifts them all alike"
             )
         elif limit.rests_on:
-            z_hat = limit.rests_on.z_hat
+            z_hat = limit.rests_on["z_hat"]
             other = f"the one visit at z_hat = {z_hat:.2g}"
             measure = f"more visits around z_hat = {z_hat:.2g}, in other sessions"
         else:

@@ -27,10 +27,7 @@ from nearlift.results.explanation import (
     EffectAtBoundary,
     EffectBetweenTrials,
     EffectCurves,
-    EffectParameter,
     EffectSize,
-    EffectSource,
-    EffectTrial,
     EffectVerdict,
     EffectWithinTrial,
     NoCandidate,
@@ -76,31 +73,6 @@ def explain(
         )
     return EffectAccount(
         effect=effect.name,
-        title=effect.title,
-        mechanism=effect.mechanism,
-        notes_of_declaration=effect.notes,
-        formula=effect.formula,
-        acts_on=effect.acts_on + (", additive" if effect.additive else ""),
-        varies_with=effect.varies_with,
-        source=EffectSource(
-            citation=effect.source.citation,
-            equation=effect.source.equation,
-            doi=effect.source.doi,
-            doubts=effect.source.doubts,
-        ),
-        parameters=tuple(
-            EffectParameter(
-                name=p.name,
-                unit=p.unit,
-                null=p.value,
-                bounds=p.bounds,
-                expected=str(p.prior),
-                meaning=p.meaning,
-                per=p.per,
-            )
-            for p in effect.parameters
-        ),
-        log=effect.log_next_time,
         campaign=campaign.name,
         boundaries=explained,
         notes=tuple(refused),
@@ -210,12 +182,5 @@ def _verdict(name: str, diagnosis: BoundaryDiagnosis | None) -> EffectVerdict | 
         parameters=named.parameters if named else None,
         rivals=named.rivals if named else (),
         rival_of=tuple(e.name for e in diagnosis.effects if name in e.rivals),
-        tried=EffectTrial(
-            gain=tried.gain,
-            p_value=tried.p_value,
-            accepted=tried.accepted,
-            left_in=tried.left_in,
-        )
-        if tried
-        else None,
+        tried=tried,
     )

@@ -23,8 +23,8 @@ from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
 from nearlift.observed import Trials, boundaries, choice
 from nearlift.planning.forecast import Forecast, of_trials
+from nearlift.planning.plans import Traverse, traverse
 from nearlift.planning.question import VisitQuestion
-from nearlift.planning.rows import Traverse, traverse
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.next_visits import NextVisit, NextVisits

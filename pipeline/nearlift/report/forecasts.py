@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
+from nearlift import catalogue
 from nearlift.results.design import BoundaryOutlook, DesignOutlook
 from nearlift.results.explanation import (
     EffectAccount,
@@ -107,15 +108,17 @@ def _design_boundary(at: BoundaryOutlook) -> list[str]:
 
 def effect(explanation: EffectAccount) -> str:
     """The explanation in words."""
-    source = explanation.source
+    declared = catalogue.effect(explanation.effect)
+    source = declared.source
     equation = source.equation and f"equation {source.equation}"
     cited = "; ".join(filter(None, (source.citation, equation, source.doi)))
+    acts_on = declared.acts_on + (", additive" if declared.additive else "")
     lines = [
-        f"{explanation.effect}: {explanation.title}",
+        f"{declared.name}: {declared.title}",
         "",
-        *wrap(f"Mechanism: {explanation.mechanism} (acts on {explanation.acts_on})."),
+        *wrap(f"Mechanism: {declared.mechanism} (acts on {acts_on})."),
         "",
-        *explanation.notes_of_declaration.strip().splitlines(),
+        *declared.notes.strip().splitlines(),
         "",
         *wrap(f"Source: {cited}."),
     ]

@@ -22,21 +22,11 @@ class ExpectedCoefficient:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExpectedNoise:
-    """Scatter of visits that a plan assumes; see `Noise`."""
-
-    relative: Real
-    force_N: Real
-    height_m: Real
-    source: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryOutlook:
     """A plan's outlook at one boundary.
 
-    `noise` is the floor that the loop would find where trials scatter as expected; `groups` are
-    effects that are confounded.
+    `noise` is the floor that the loop would find where trials scatter by `expected_noise`; `groups`
+    are effects that are confounded.
     """
 
     base_model: str
@@ -47,7 +37,7 @@ class BoundaryOutlook:
     effects: tuple[EffectOutlook, ...]
     groups: tuple[tuple[str, ...], ...]
     limits: tuple[CoefficientLimit, ...]
-    expected_noise: ExpectedNoise
+    expected_noise: Noise
     untestable: tuple[UntestableEffect, ...]
 
 

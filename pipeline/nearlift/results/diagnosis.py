@@ -196,20 +196,13 @@ class LoopCoefficients:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Station:
-    """A distance over rotor radius."""
-
-    z_hat: Real
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CoefficientLimit:
-    """Reason for which a coefficient is not identifiable: it depends on one visit, or free levels
-    absorb it. `share` is that of its information.
+    """Reason for which a coefficient is not identifiable: it depends on one visit (its `z_hat`), or
+    free levels absorb it. `share` is that of its information.
     """
 
     coefficient: str
-    rests_on: IfAny[Station] = None
+    rests_on: IfAny[Mapping[str, Real]] = None
     absorbed_by: IfAny[str] = None
     share: Real
     text: str

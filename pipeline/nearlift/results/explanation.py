@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from nearlift.declare import Boundary, Effect, FloatArray
-from nearlift.results.diagnosis import LoopEstimate
-from nearlift.results.document import Above, Below, IfAny, Numbers, Real, Unbounded
+from nearlift.results.diagnosis import LoopEstimate, TriedCandidate
+from nearlift.results.document import IfAny, Numbers, Real, Unbounded
 from nearlift.results.estimate import Noise
 from nearlift.results.observations import Observations
 from nearlift.results.outlook import UnseenBias
@@ -57,29 +57,6 @@ class Power:
             self.size[above - 1]
             + (at - low) / (high - low) * (self.size[above] - self.size[above - 1])
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectSource:
-    """Source of an effect's formula."""
-
-    citation: str
-    equation: str
-    doi: str
-    doubts: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectParameter:
-    """An effect's parameter as declared; `expected` is its prior in words."""
-
-    name: str
-    unit: str
-    null: Real
-    bounds: tuple[Below, Above]
-    expected: str
-    meaning: str
-    per: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,16 +110,6 @@ class EffectSize:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EffectTrial:
-    """Outcome for an effect that the loop tried."""
-
-    gain: Real
-    p_value: Real
-    accepted: bool
-    left_in: str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class EffectVerdict:
     """Result of the loop on an effect in this campaign; `rival_of`: the identified effects that
     it is a rival of.
@@ -153,7 +120,7 @@ class EffectVerdict:
     parameters: Mapping[str, LoopEstimate] | None
     rivals: tuple[str, ...]
     rival_of: tuple[str, ...]
-    tried: EffectTrial | None
+    tried: TriedCandidate | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,20 +169,11 @@ EffectAtBoundary = NoCandidate | EffectWithinTrial | EffectBetweenTrials
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectAccount:
-    """The whole answer: what the declaration says, each boundary, and the figure's files; `notes`
-    are boundaries that could not be looked at.
+    """The whole answer: each boundary, and the figure's files; `notes` are boundaries that could
+    not be looked at. `nearlift describe EFFECT` has its declaration.
     """
 
     effect: str
-    title: str
-    mechanism: str
-    notes_of_declaration: str
-    formula: str
-    acts_on: str
-    varies_with: str
-    source: EffectSource
-    parameters: tuple[EffectParameter, ...]
-    log: tuple[str, ...]
     campaign: str
     boundaries: Mapping[Boundary, EffectAtBoundary]
     notes: tuple[str, ...]

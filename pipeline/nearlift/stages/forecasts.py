@@ -44,8 +44,7 @@ def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) 
         No boundary has enough planned trials.
     """
     from nearlift.planning.design import design
-    from nearlift.planning.plans import plan
-    from nearlift.planning.rows import schedule_text
+    from nearlift.planning.plans import plan, schedule_text
     from nearlift.report.figures import design as figure
     from nearlift.stages.gathering import for_print
 
@@ -138,7 +137,7 @@ def next_visits(
 
 def next_rows(job: Job, batches: Sequence[NextVisits]) -> str:
     """Visits as further rows of the campaign's own schedule, CSV."""
-    from nearlift.planning.rows import further_rows
+    from nearlift.planning.plans import further_rows
     from nearlift.schedule import read_columns
 
     columns, _ = read_columns(job.campaign, job.root)
