@@ -17,7 +17,7 @@ from tests.unit import quoted
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.report import curves, relative_lift, words
+from nearlift.report import relative_lift, words
 from nearlift.report.evidence import pick as rows
 from nearlift.report.figures import binning, fig2, residuals
 from nearlift.report.phrases import coefficient_text
@@ -39,25 +39,6 @@ def table(evidence):
     return fig2.table(evidence)
 
 
-@pytest.fixture(scope="module")
-def by_farthest(evidence):
-    """The same by the paper's convention."""
-    report = evidence.campaign.report.model_copy(update={"reference": "farthest"})
-    return dataclasses.replace(
-        evidence, campaign=evidence.campaign.model_copy(update={"report": report})
-    )
-
-
-def test_by_the_farthest_station_data_are_the_cells_of_lift_parquet_in_percent(by_farthest):
-    cells, table = by_farthest.table(LIFT), fig2.table(by_farthest)
-    for boundary in ("ground", "ceiling", "sidewall"):
-        drawn, mine = rows(table, panel=boundary, kind="data"), cells["boundary"] == boundary
-        np.testing.assert_allclose(drawn["delta_L_percent"], 100 * cells["delta_L"][mine])
-        np.testing.assert_allclose(drawn["u_delta_L_percent"], 100 * cells["u_delta_L"][mine])
-        np.testing.assert_allclose(drawn["z_hat"], cells["z_hat"][mine])
-        assert set(drawn["label"]) == {"25 %", "50 %", "75 %", "92 %"}
-
-
 def test_data_are_lift_over_the_fitted_level(evidence, table):
     cells = evidence.table(LIFT)
     for boundary in ("ground", "ceiling", "sidewall"):
@@ -76,9 +57,8 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     """Chi2 over the cells, each one trial, with the simulated noise told to the fit: within four
     standard deviations of its mean.
 
-    By the farthest station, one trial's error moves all of its throttle's points together, and chi2
-    has no such mean. An effect that changes lift by 3 % from trial to trial is taken out by the
-    residual of the whole model.
+    An effect that changes lift by 3 % from trial to trial is corrected for by the residual of the
+    whole model.
     """
     rng = np.random.default_rng(4)
     n, throttles, noise = 240, np.array([0.25, 0.5, 0.75, 0.92]), 0.01
@@ -321,18 +301,6 @@ def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evid
     np.testing.assert_allclose(plain["delta_L_percent"], fitted, rtol=1e-9)
 
 
-def test_symbols_that_hang_on_a_few_visits_are_said_to(by_farthest, monkeypatch):
-    evidence, table = by_farthest, fig2.table(by_farthest)
-    data = evidence.observations["ground"]
-    visits = len(np.unique(data.visit[data.z_hat == data.z_hat.max()]))
-    monkeypatch.setattr(fig2, "FEW_FAR", visits)
-    assert f"All throttles share the {visits} visits of that station" in fig2.caption(
-        evidence, table
-    )
-    monkeypatch.setattr(fig2, "FEW_FAR", visits - 1)
-    assert "All throttles share" not in fig2._shared_far(evidence, "ground")
-
-
 def test_what_a_coefficient_hangs_on_is_ringed(evidence, monkeypatch):
     """A trial that moves K_b by more than half its uncertainty marks its cell, one that moves it
     less none.
@@ -359,16 +327,13 @@ def test_what_a_coefficient_hangs_on_is_ringed(evidence, monkeypatch):
         assert ("more than 0.4 u" in text) == (not count)
 
 
-def test_every_row_of_the_table_can_be_drawn(evidence, table, by_farthest):
+def test_every_row_of_the_table_can_be_drawn(evidence, table):
     """The band of L_inf has ends and no Delta L; every other row is a point of its curve."""
     level = rows(table, panel="ground", kind="L_inf")
     known = relative_lift.relative_lift(evidence, "ground").u_L_inf
     assert level["u_delta_L_percent"].tolist() == pytest.approx(2 * [100 * known])
     assert np.isnan(level["delta_L_percent"]).all()
-    far = fig2.table(by_farthest)
-    assert not (far["kind"] == "L_inf").any()
-    for drawn in (table, far):
-        assert np.isfinite(drawn["delta_L_percent"][drawn["kind"] != "L_inf"]).all()
+    assert np.isfinite(table["delta_L_percent"][table["kind"] != "L_inf"]).all()
     band = rows(table, panel="ground", kind="band")
     np.testing.assert_allclose(band["above_fit_percent"], 0, atol=1e-12)
 
@@ -380,7 +345,7 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
         assert mine["z_hat"].max() <= data["z_hat"].max() * (1 + 1e-9)
 
 
-def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_farthest):
+def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table):
     text = fig2.caption(evidence, table)
     for said in (
         "Bars: 1 standard uncertainty from scatter",
@@ -391,20 +356,6 @@ def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_
         "u(L∞) = ",
     ):
         assert said in text
-    table = fig2.table(by_farthest)
-    text = fig2.caption(by_farthest, table)
-    assert "farthest station" in text
-    model, fit = evidence.base("ground")
-    far = float(rows(table, panel="ground", kind="data")["z_hat"].max())
-    there = 100 * float(
-        curves.ratio(
-            model,
-            np.array([far]),
-            {**evidence.known("ground", model), **fit.values},
-        )[0]
-        - 1
-    )
-    assert f"the fit is {there:.2f} %" in text
 
 
 def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):

@@ -93,16 +93,11 @@ class Units(Section):
 
 
 class Report(Section):
-    """Figures of the report: widths of one column (3.25 in) and of the whole text (6.75 in).
-
-    `reference` of Delta L in Figure 2: L_inf of the `fit`, corrected for identified effects, or the
-    `farthest` station, as in the paper.
-    """
+    """Figures of the report: widths of one column (3.25 in) and of the whole text (6.75 in)."""
 
     column_width: PositiveLength = Field(default=0.08255, ge=0.05, le=0.5)
     full_width: PositiveLength = Field(default=0.17145, ge=0.05, le=0.5)
     units: Units = Units()
-    reference: Literal["fit", "farthest"] = "fit"
     overlay: list[Overlay] = []
 
 

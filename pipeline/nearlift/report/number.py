@@ -12,14 +12,13 @@ from markupsafe import Markup, escape
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.report.evidence import Evidence
-from nearlift.report.phrases import LEAST_P, is_even, typeset
+from nearlift.report.phrases import LEAST_P, is_even, raised, typeset
 from nearlift.rounding import fixed, like, plain
 from nearlift.run.tables import Product
 from nearlift.stages.fit import RESULTS
 
 #: Fewer degrees of freedom than this are printed with a decimal.
 FEW = 9.95
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,9 +192,7 @@ class Place:
         p = self.number(*path, digits=2)
         if p.value < LEAST_P:
             return replace(p, text="< 10⁻¹²", how="a bound")
-        digits, _, exponent = p.text.partition("e")
-        raised = f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
-        return replace(p, text=raised)
+        return replace(p, text=raised(p.text))
 
     def degrees(self, *path: str | int) -> Number:
         """Degrees of freedom: one decimal below ten, where it matters; ∞ where they have no end."""

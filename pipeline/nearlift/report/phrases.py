@@ -23,6 +23,7 @@ from nearlift.rounding import like, plain, plus_minus
 
 #: P-values below this are printed as a bound.
 LEAST_P = 1e-12
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: Probability from which an explanation is named alone.
 MIN_ALONE = 0.6
 #: Explanations of at least this probability are listed, and at most so many.
@@ -129,8 +130,14 @@ def coverage(coefficient: str) -> str:
 
 
 def chance(p: float) -> str:
-    """``p = 0.02``, or ``p < 10⁻¹²``."""
-    return f"p = {plain(p, 1)}" if p > LEAST_P else "p < 10⁻¹²"
+    """``p = 0.02``, ``p = 3 × 10⁻⁶``, or ``p < 10⁻¹²``."""
+    return f"p = {raised(plain(p, 1))}" if p > LEAST_P else "p < 10⁻¹²"
+
+
+def raised(text: str) -> str:
+    """``3 × 10⁻⁶`` for ``3e-06``."""
+    digits, _, exponent = text.partition("e")
+    return f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
 
 
 def sizes(quoted: BoundaryResult) -> str:

@@ -9,7 +9,6 @@ deviates from the curve by what that model leaves.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +24,6 @@ from nearlift.results import Observations
 from nearlift.results.fit import ParameterCovariance
 from nearlift.results.quotation import BoundaryResult
 from nearlift.stages.diagnose import LOOP_RESIDUALS
-from nearlift.stages.reduce import LIFT
 
 #: Relative step of a distance, and of a coefficient, by which a slope is taken.
 STEP = 1e-4
@@ -81,19 +79,12 @@ class QuotedModel:
         return self.in_curve + self.in_points
 
 
-def by_fit(evidence: Evidence) -> bool:
-    """Whether cells are referred to the fitted L_inf, and not to the farthest station."""
-    return evidence.campaign.report.reference == "fit"
-
-
 def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     """The model whose curve belongs to the cells."""
     base, fit = evidence.base(boundary)
     quoted, data = evidence.quoted(boundary), evidence.observations[boundary]
     diagnosed = evidence.diagnosed(boundary)
-    accepted = diagnosed.accepted if diagnosed else None
-    if not by_fit(evidence) or not evidence.has(LOOP_RESIDUALS):
-        accepted = None
+    accepted = diagnosed.accepted if diagnosed and evidence.has(LOOP_RESIDUALS) else None
     known = {"radius_m": data.radius_m} | evidence.known(boundary, base)
     of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
     model = base
@@ -138,8 +129,7 @@ def is_base_fit(evidence: Evidence, boundary: Boundary) -> bool:
 
 
 def _is_base(evidence: Evidence, boundary: Boundary, drawn: QuotedModel) -> bool:
-    unexplained = by_fit(evidence) and evidence.quoted(boundary).verdict == "unexplained"
-    return not (unexplained or drawn.effects)
+    return evidence.quoted(boundary).verdict != "unexplained" and not drawn.effects
 
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
@@ -194,24 +184,8 @@ def _quoted_covariance(quoted: BoundaryResult, free: list[str]) -> ParameterCova
 
 
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
-    """Every cell's lift over the fitted L_inf; or over that of the farthest station, whose
-    uncertainty is not known.
-    """
-    if not by_fit(evidence):
-        table = where(evidence.table(LIFT), boundary=boundary)
-        return RelativeLift(
-            throttle=table["throttle"],
-            z_hat=table["z_hat"],
-            delta_L=np.asarray(table["delta_L"], dtype=float),
-            u=np.asarray(table["u_delta_L"], dtype=float),
-            u_L_inf=math.nan,
-        )
-    return _over_fitted(evidence, boundary, quoted_model(evidence, boundary))
-
-
-def _over_fitted(evidence: Evidence, boundary: Boundary, drawn: QuotedModel) -> RelativeLift:
-    """Cells over the L_inf of the model that is drawn."""
-    data = _near(evidence, boundary)
+    """Every cell's lift over the L_inf of the model that is drawn."""
+    drawn, data = quoted_model(evidence, boundary), _near(evidence, boundary)
     if drawn.effects:
         residual = _residual_after(evidence, boundary, data)
         log_ratio = np.log1p(_middle(evidence, boundary, drawn, data.z_hat)) + residual

@@ -97,7 +97,10 @@ def _effects(
         rivals = [titled(r.replace(" + ", " with ")) for r in diagnosis.stand_ins(effect)]
         for name in effect.parameters:
             loop = place.quote("effects", i, "parameters", name)
-            q = replace(quoted.get((effect.name, name), loop), at_bound=_is_at_bound(effect, loop))
+            q = quoted.get((effect.name, name), loop)
+            # an exponent needs no unit in words
+            unit = "" if q.unit.startswith("exponent") else q.unit
+            q = replace(q, unit=unit, at_bound=_is_at_bound(effect, loop))
             head = titled(effect.name), effect.mechanism
             yield *head, q.equation, q.interval, listed(rivals, "or")
 

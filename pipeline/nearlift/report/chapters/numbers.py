@@ -30,7 +30,8 @@ def doubts(evidence: Evidence) -> Markup:
         blocks.items(
             [
                 Markup("{} {}").format(
-                    blocks.bold(", ".join(d.boundaries).capitalize()), blocks.shown(d.text)
+                    blocks.bold(f"{', '.join(d.boundaries) or 'all'}:".capitalize()),
+                    blocks.shown(d.text),
                 )
                 for d in words.doubts(evidence)
             ],

@@ -29,7 +29,7 @@ LOOKS: dict[str, Look] = {
     kind: {"facecolor": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.0}
     for kind, colour, hatch in (("A", SERIES[0][0], ""), ("B", SERIES[1][0], "////"))
 }
-MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
+MEANINGS = {"A": "type A: from repeats", "B": "type B: stated"}
 
 
 def table(evidence: Evidence) -> pd.DataFrame:

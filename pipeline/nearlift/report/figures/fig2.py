@@ -1,8 +1,6 @@
 """Figure 2: Delta L against distance at each boundary, with theory and the quoted model.
 
-Below, Delta L less the curve. Cells and curve are those of `relative_lift`, unless the manifest has
-``[report] reference = "farthest"``. Then the curve is the base model's, and the symbols are the
-cells of lift.parquet. The L_inf of these cells is the farthest station (or free air).
+Below, Delta L less the curve. Cells and curve are those of `relative_lift`.
 """
 
 from __future__ import annotations
@@ -34,7 +32,6 @@ from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style, plain_te
 from nearlift.report.phrases import coefficient_text, coverage, listed
 from nearlift.report.relative_lift import (
     RelativeLift,
-    by_fit,
     is_base_fit,
     line,
     quoted_model,
@@ -52,11 +49,6 @@ PQUAD_SPACING_HAT = 3.0
 PQUAD_RANGE = (2.5, 4.0)
 #: A trial or visit is marked if a coefficient without it moves by this many standard uncertainties.
 INFLUENTIAL = 0.5
-#: A departure of this much at the farthest station is visible, and explained.
-VISIBLE = 0.002
-#: Up to this many visits of the station that gives L_inf, the caption says that they move all
-#: symbols of a panel.
-FEW_FAR = 6
 #: A lift above this is printed in newtons, below it in millinewtons.
 MILLI_BELOW_N = 2.0
 COLUMNS = (
@@ -207,9 +199,8 @@ def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
         places = np.asarray(part["z_hat"], dtype=float)
         fitted = 100 * line(evidence, boundary, places).middle
         part["above_fit_percent"] = part["delta_L_percent"] - fitted
-    if np.isfinite(over.u_L_inf):
-        level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * over.u_L_inf}
-        parts.append({"kind": "L_inf", "z_hat": z_hat[[0, -1]], **level})
+    level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * over.u_L_inf}
+    parts.append({"kind": "L_inf", "z_hat": z_hat[[0, -1]], **level})
     return parts
 
 
@@ -241,19 +232,12 @@ def _influence(evidence: Evidence, boundary: Boundary, over: RelativeLift) -> li
 
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption of the figure, numbers included."""
-    fitted = by_fit(evidence)
-    symbols = (
-        "Symbols: cell means over the fitted L∞. Bars: 1 standard uncertainty from scatter."
-        " Blue band: uncertainty of L∞, common to all points of a throttle."
-        if fitted
-        else "Symbols: cell means. Bars: 1 standard uncertainty from scatter, correlated at a"
-        " throttle through L∞."
-    )
     drawn = {r.label: r for b in evidence.boundaries for r in references(evidence, b)}
     parts = [
         "Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius.",
         "Lower panels: the same less the curve.",
-        symbols,
+        "Symbols: cell means over the fitted L∞. Bars: 1 standard uncertainty from scatter.",
+        "Blue band: uncertainty of L∞, common to all points of a throttle.",
         _line_note(evidence, table),
         *(r.note for r in drawn.values()),
     ]
@@ -265,8 +249,7 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
             f"From {PQUAD_RANGE[0]:g} r to {PQUAD_RANGE[1]:g} r the PQuad's curve at ẑ = 1 runs"
             f" from {ends[0]} to {ends[1]}."
         )
-    note = fit_note if fitted else _reference_note
-    parts += [note(evidence, boundary) for boundary in evidence.boundaries]
+    parts += [fit_note(evidence, boundary) for boundary in evidence.boundaries]
     return " ".join(p for p in parts if p)
 
 
@@ -344,45 +327,6 @@ def influence_note(evidence: Evidence, boundary: Boundary) -> str:
         return ""
     most = max(abs(shift) for *_, shift in shifts)
     return f" No single trial or visit moves a coefficient by more than {fixed(most, 1)} u."
-
-
-def _reference_note(evidence: Evidence, boundary: Boundary) -> str:
-    """Note on a panel whose L_inf is the farthest station, or free air."""
-    model, _ = evidence.base(boundary)
-    coefficients, quoted = _coefficients(evidence, boundary), evidence.quoted(boundary)
-    if coefficients and quoted.effects:
-        coefficients += f", corrected for {' and '.join(quoted.effects)}; the line is not"
-    bracket = f" ({coefficients})" if coefficients else ""
-    over = relative_lift(evidence, boundary)
-    known = np.isfinite(over.delta_L)
-    if not (known & (over.z_hat > 0)).any():
-        return ""
-    head, moved = f"{boundary.capitalize()}: {model.title}{bracket};", _moved(evidence, boundary)
-    if np.isinf(evidence.observations[boundary].z_hat).any():
-        return f"{head} L∞ of the data from trials in free air.{moved}"
-    far = float(over.z_hat[known].max())
-    lacking = ", ".join(f"{100 * t:.3g} %" for t in np.unique(over.throttle[~known]))
-    without = f" No trial far away at {lacking} throttle, hence no ΔL." if lacking else ""
-    there = float(curves.base_curve(evidence, boundary, np.array([far])).middle[0])
-    apart = " The data are offset from the curve by that." if abs(there) > VISIBLE else ""
-    return (
-        f"{head} L∞ of the data from the farthest station, ẑ = {plain(far, 3)}. There ΔL is 0 by"
-        f" construction, and the fit is {fixed(100 * there, 2)} %.{apart}"
-        f"{_shared_far(evidence, boundary)}{without}{moved}"
-    )
-
-
-def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
-    """Note on throttles that share few visits of the far station."""
-    data = evidence.observations[boundary]
-    far = data.z_hat == data.z_hat.max()
-    visits, levels = len(np.unique(data.visit[far])), len(data.levels)
-    if visits > FEW_FAR or levels < 2 or len(np.unique(data.throttle[far])) < levels:
-        return ""
-    return (
-        f" All throttles share {'one visit' if visits == 1 else f'the {visits} visits'} of that"
-        " station, whose error is common to all symbols of the panel."
-    )
 
 
 def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
