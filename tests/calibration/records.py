@@ -96,12 +96,13 @@ def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[row
     names = [f"t{i:04d}" for i in range(len(contents))]
     for name, content in zip(names, contents, strict=True):
         written.put(folder, pattern.replace("{trial}", name), content)
-    pieces = reader(campaign.records.reader).plan(campaign, folder, names).pieces
+    pieces, _ = reader(campaign.records.reader).plan(campaign, folder, names)
     tasks = [
         rows.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, inputs={})
         for piece in pieces
     ]
-    return [row for task in tasks for row in rows.reduce_piece(task)]
+    answers = (answer for task in tasks for answer in rows.reduce_piece(task))
+    return [row for answer in answers for row in answer.rows]
 
 
 def fate(row: rows.Row, lift_N: float, samples: int) -> str:

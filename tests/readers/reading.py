@@ -36,7 +36,18 @@ def records(
             **changes,
         },
     )
-    return list(readers.reader(reader).read(given_manifest, root, ["a", "b"]))
+    return of_trials(reader, given_manifest, root, ["a", "b"])
+
+
+def of_trials(name: str, given: Any, root: Path, trials: list[str]) -> list[Any]:
+    """Every record of these trials in the plan's order; raises what refuses one."""
+    reader = readers.reader(name)
+    pieces, _ = reader.plan(given, root, trials)
+    read = [record for piece in pieces for record in reader.read_piece(given, root, piece)]
+    for record in read:
+        if record.refusal is not None:
+            raise record.refusal
+    return read
 
 
 def put(folder: Path, content: str | bytes, name: str = "f.txt") -> Path:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.readers.reading import of_trials
 from tests.unit.manifests import manifest
 
 from nearlift.errors import InputRefused
@@ -79,7 +80,7 @@ def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
             "dialect": {} if header else found.dialect,
         },
     )
-    (record,) = reader("text").read(given, tmp_path, ["a"])
+    (record,) = of_trials("text", given, tmp_path, ["a"])
     assert record.time_s is not None
     np.testing.assert_allclose(record.time_s, np.arange(200) / 40, atol=1e-9)
     assert record.force_N.tolist() == force

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.readers.reading import of_trials
 from tests.unit import written
 from tests.unit.manifests import manifest
 
@@ -28,7 +29,7 @@ def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
     for trial in "ac":
         (tmp_path / f"{trial}.csv").write_text("force\n1\n")
     given = manifest(records={"files": "{trial}.csv"})
-    assert [r.trial for r in reader("csv").read(given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
+    assert [r.trial for r in of_trials("csv", given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
     assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == [
         "a.csv",
         "c.csv",
@@ -66,9 +67,9 @@ def test_a_record_without_a_row_is_told(tmp_path: Path, pattern: str, name: str)
             "force": {"column": "force", "unit": "mN", "sign": 1},
         }
     )
-    (note,) = reader(name).plan(chosen, tmp_path, ["b", "d", "elsewhere"]).notes
+    (note,) = reader(name).plan(chosen, tmp_path, ["b", "d", "elsewhere"])[1]
     assert note.startswith(f"{pattern.replace('{trial}', 'a')} and 1 more are no trial's record")
-    assert reader(name).plan(chosen, tmp_path, ["a", "b", "c-1", "d"]).notes == ()
+    assert reader(name).plan(chosen, tmp_path, ["a", "b", "c-1", "d"])[1] == []
 
 
 def test_a_pattern_without_the_trial_is_refused(tmp_path: Path) -> None:
@@ -255,7 +256,7 @@ def test_the_first_sheet_is_a_record(write: object, tmp_path: Path) -> None:
         },
         load_cell={"sample_rate": "100 Hz"},
     )
-    (record,) = reader("sheet").read(given, tmp_path, ["a"])
+    (record,) = of_trials("sheet", given, tmp_path, ["a"])
     assert record.force_N.tolist() == [-0.5 - i % 2 for i in range(50)]
     assert record.time_s is not None
     assert record.time_s.tolist() == [i / 100 for i in range(50)]

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.readers.reading import of_trials
 from tests.unit.manifests import manifest
 
 from nearlift.errors import InputRefused, ManifestError
@@ -29,7 +30,7 @@ def write_table(folder: Path, columns: dict[str, Any], row_group_size: int = 7) 
 
 
 def table_records(folder: Path, trials: list[str], **changes: Any) -> list[Record]:
-    return list(reader("parquet").read(manifest(**{**PARQUET, **changes}), folder, trials))
+    return of_trials("parquet", manifest(**{**PARQUET, **changes}), folder, trials)
 
 
 @pytest.mark.parametrize("row_group_size", [1, 7, 100])
@@ -59,11 +60,11 @@ def test_pieces_are_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     names = [f"t{i}" for i in range(6) for _ in range(5)]
     write_table(tmp_path, {"trial": names, "force": np.arange(30)})
     given = manifest(**PARQUET)
-    plan = reader("parquet").plan(given, tmp_path, [f"t{i}" for i in range(6)])
-    assert len(plan.pieces) > 2
+    pieces, _ = reader("parquet").plan(given, tmp_path, [f"t{i}" for i in range(6)])
+    assert len(pieces) > 2
     backwards = [
         r
-        for piece in reversed(plan.pieces)
+        for piece in reversed(pieces)
         for r in reader("parquet").read_piece(given, tmp_path, piece)
     ]
     assert {r.trial: r.force_N[0] for r in backwards} == {
@@ -83,8 +84,8 @@ def test_a_missing_sample_is_nan_and_a_clock_is_read(tmp_path: Path) -> None:
 
 def test_trials_that_the_schedule_does_not_list_are_noted(tmp_path: Path) -> None:
     write_table(tmp_path, {"trial": ["a", "b"], "force": [1, 2]})
-    plan = reader("parquet").plan(manifest(**PARQUET), tmp_path, ["a"])
-    assert "1 trials that the schedule does not list, such as 'b'" in plan.notes[0]
+    _, notes = reader("parquet").plan(manifest(**PARQUET), tmp_path, ["a"])
+    assert "1 trials that the schedule does not list, such as 'b'" in notes[0]
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.readers.reading import plain, put, read, values
+from tests.readers.reading import of_trials, plain, put, read, values
 from tests.unit.manifests import manifest
 from tests.unit.small_run import nearlift
 
 from nearlift.errors import InputRefused
-from nearlift.readers import reader, text
+from nearlift.readers import text
 from nearlift.readers.base import pick
 from nearlift.readers.dialect import NoRows
 
@@ -240,7 +240,7 @@ def test_half_written_files(
     assert found.codes == codes
     assert [x for c in found.channels for x in c.values] == force
     given = manifest(records={"files": "{trial}.csv"})
-    (record,) = reader("csv").read(given, tmp_path, ["t"])
+    (record,) = of_trials("csv", given, tmp_path, ["t"])
     assert bool(len(record.force_N)) == bool(force)
     assert bool({"EMPTY", "NO_DATA"} & {*record.codes}) == (not force)
 
@@ -280,7 +280,7 @@ def test_sign_calibration_and_clock(tmp_path: Path) -> None:
     given = manifest(
         records={"files": "{trial}.csv", "force": force, "time": {"column": "ms", "unit": "ms"}}
     )
-    (record,) = reader("csv").read(given, tmp_path, ["a"])
+    (record,) = of_trials("csv", given, tmp_path, ["a"])
     np.testing.assert_allclose(record.force_N, [-0.02, -0.04])
     np.testing.assert_allclose(record.time_s, [0, 0.005])
     assert record.source == "a.csv"

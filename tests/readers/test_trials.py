@@ -247,7 +247,7 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
     task = Task(
         root=root,
         campaign=given,
-        piece=CSV.plan(given, root, ["t00", "t01", "t02"]).pieces[0],
+        piece=CSV.plan(given, root, ["t00", "t01", "t02"])[0][0],
         tare_after_N={},
         inputs={},
     )
@@ -255,11 +255,12 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
     (root / "trials" / "t01.csv").write_bytes(b"force\n1\n\x1b[2J\n")
     with workers.open_executor(text) as executor:
         [rows] = workers.ordered(executor, reduce_piece, [task])
-    assert [row.trial for row in rows] == ["t00", "t01", "t02"]
+    assert [row.record for row in rows] == ["t00", "t01", "t02"]
     assert (rows[0], rows[2]) == (whole[0], whole[2])
-    assert rows[1].reduced.codes == ("MALFORMED",)
-    assert rows[1].fault.isprintable()
-    assert rows[1].source_sha256 == sha256(root / "trials" / "t01.csv")
+    [bad] = rows[1].rows
+    assert bad.reduced.codes == ("MALFORMED",)
+    assert bad.fault.isprintable()
+    assert bad.source_sha256 == sha256(root / "trials" / "t01.csv")
 
 
 @pytest.mark.parametrize(
@@ -280,7 +281,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
     task = Task(
         root=root,
         campaign=given,
-        piece=CSV.plan(given, root, ["t00", "t01"]).pieces[0],
+        piece=CSV.plan(given, root, ["t00", "t01"])[0][0],
         tare_after_N={},
         inputs={},
     )
@@ -292,7 +293,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
 
     monkeypatch.setattr(rows_module, "reduce_record", reduced)
     if row:
-        assert [r.reduced.codes for r in reduce_piece(task)] == [("MALFORMED",)] * 2
+        assert [r.rows[0].reduced.codes for r in reduce_piece(task)] == [("MALFORMED",)] * 2
         assert len(calls) == 2
     else:
         with pytest.raises(type(fault)):

@@ -2,7 +2,8 @@
 
 A new format is one file with one `Reader` in it: a function from a file to its channels. The reader
 plans which trials are in which files, without reading samples, then reads one `Piece` of the plan
-at a time. Pieces are small values that can be sent to another process.
+at a time. Pieces are small values that can be sent to another process. Whatever a file holds, its
+trial has a record.
 
 One file holds one trial (``files = "trials/{trial}.tdms"``), or all trials, in channels that carry
 the trial's id (``files = "all.h5"``, ``column = "/{trial}/force"``).
@@ -14,7 +15,7 @@ import difflib
 import functools
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -22,9 +23,9 @@ import numpy as np
 
 from nearlift import units
 from nearlift.declare import FloatArray
-from nearlift.errors import InputRefused, ManifestError, did_you_mean
+from nearlift.errors import InputRefused, ManifestError, NearliftError, did_you_mean
 from nearlift.readers import files, guarded
-from nearlift.readers.files import MARK, Piece, ReadingPlan
+from nearlift.readers.files import MARK, Piece
 from nearlift.readers.guarded import Malformed
 from nearlift.reduction.stretch import usual_step
 
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 #: ``[records] dialect`` of a manifest: keys and types are those of the reader's options.
 RecordsDialect = Mapping[str, object]
+#: Characters of a fault that are kept.
+LONGEST_FAULT = 300
 #: Names of the channels wanted; None for all.
 Names = tuple[str, ...] | None
 #: Units by their own names, in letters of any size.
@@ -215,6 +218,10 @@ class Record:
         Remarks for the user, without the file's name: equal ones of many records are printed once.
     fault : str
         The reason of a MALFORMED record, in words.
+    refusal : InputRefused or None
+        There where the file cannot be read in the way that the manifest asks for.
+    contents : Contents or None
+        All channels of the file, where they were asked for.
     """
 
     trial: str
@@ -224,6 +231,35 @@ class Record:
     codes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fault: str = ""
+    refusal: InputRefused | None = None
+    contents: Contents | None = None
+
+
+def malformed(trial: str, root: Path, source: str, fault: Exception) -> Record:
+    """The record of a trial over whose file `fault` was raised.
+
+    `fault` itself, where it is the manifest's or the machine's (libraries call damage an OSError
+    without a number).
+    """
+    of_the_machine = isinstance(fault, MemoryError) or (
+        isinstance(fault, OSError) and fault.errno is not None
+    )
+    refusal = fault if isinstance(fault, InputRefused) else None
+    if of_the_machine or (isinstance(fault, NearliftError) and refusal is None):
+        raise fault
+    what = f"{source}: {type(fault).__name__}: {fault}"
+    if refusal is not None:
+        what = f"{refusal.where}: {refusal.what}"
+    elif isinstance(fault, Malformed):
+        what = f"{source}: {fault}"
+    text = " ".join(what.replace(f"{root}/", "").split())[:LONGEST_FAULT]
+    return Record(
+        trial=trial,
+        source=source,
+        codes=("MALFORMED",),
+        fault="".join(c if c.isprintable() else "?" for c in text),
+        refusal=refusal,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -403,63 +439,65 @@ class Reader:
         """
         if self.contents is None:
             return []
-        if _one_for_all(campaign):
-            path = files.inside(root, campaign.records.pattern, "records.files")
-            return [path] if path.is_file() else []
-        return [path for path, _ in files.per_trial(campaign, root, trials).values()]
+        return [*dict.fromkeys(path for path, _ in self._there(campaign, root, trials).values())]
 
-    def plan(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
-        """The pieces to read; reads no samples."""
+    def plan(
+        self, campaign: Campaign, root: Path, trials: Sequence[str]
+    ) -> tuple[list[Piece], list[str]]:
+        """The pieces to read, and notes on the files; reads no samples. Trials in no piece have no
+        record.
+        """
         self.checked_dialect(campaign.records.dialect)
         if self.contents is None:
-            return ReadingPlan(pieces=())
-        if not _one_for_all(campaign):
-            there = files.per_trial(campaign, root, trials)
-            notes = files.unlisted(campaign, root, trials)
-            return ReadingPlan(pieces=tuple(files.pieces(there)), notes=notes)
-        path = files.inside(root, campaign.records.pattern, "records.files")
-        there = dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
-        return ReadingPlan(pieces=tuple(files.pieces(there)))
+            return [], []
+        there = self._there(campaign, root, trials)
+        marked = campaign.cuts_records or MARK in campaign.records.pattern
+        notes = files.unlisted(campaign, root, trials) if marked else []
+        return list(files.pieces(there)), notes
 
-    def read_piece(self, campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-        """The piece's records in the plan's order, one in memory at a time."""
+    def _there(
+        self, campaign: Campaign, root: Path, trials: Sequence[str]
+    ) -> dict[str, tuple[Path, int]]:
+        """File and size in bytes of each trial that has one; refuses an id that is in both files
+        and column, or in neither.
+        """
+        if campaign.cuts_records:
+            return files.per_trial(campaign, root, trials)
+        in_files = MARK in campaign.records.pattern
+        in_column = MARK in ChannelSpec.from_manifest(campaign).column
+        if in_files == in_column:
+            both = "and the column both say" if in_files else "does not say"
+            raise ManifestError(
+                "records.files",
+                f"{campaign.records.pattern!r} {both} where the trial's id is",
+                'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all'
+                " trials, in force.column",
+            )
+        if in_files:
+            return files.per_trial(campaign, root, trials)
+        path = files.inside(root, campaign.records.pattern, "records.files")
+        return dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
+
+    def read_piece(
+        self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False
+    ) -> Iterator[Record]:
+        """The piece's records in the plan's order, one in memory at a time; `whole`: with all
+        channels of their files.
+        """
         spec = ChannelSpec.from_manifest(campaign)
         for trial, path in zip(piece.trials, piece.paths, strict=True):
             source = files.source_of(root, path)
-            if path.stat().st_size == 0:
-                yield Record(trial=trial, source=source, codes=("EMPTY",))
-                continue
             try:
-                contents = self.open(path, spec.dialect, spec.names(trial))
-            except Malformed as fault:
-                yield Record(
-                    trial=trial, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}"
-                )
-                continue
-            record = spec.record(contents, trial, str(path), source)
-            # its channels need not be in memory while the record is reduced
-            del contents
+                if path.stat().st_size == 0:
+                    contents = Contents(codes=("EMPTY",))
+                else:
+                    contents = self.open(path, spec.dialect, None if whole else spec.names(trial))
+                record = spec.record(contents, trial, str(path), source)
+            except Exception as fault:
+                record = malformed(trial, root, source, fault)
+            else:
+                record = replace(record, contents=contents) if whole else record
+                # its channels need not be in memory while the record is reduced
+                del contents
             yield record
             del record
-
-    def read(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> Iterator[Record]:
-        """Every record of these trials, streamed, in the plan's order."""
-        for piece in self.plan(campaign, root, trials).pieces:
-            yield from self.read_piece(campaign, root, piece)
-
-
-def _one_for_all(campaign: Campaign) -> bool:
-    """Whether one file holds every trial; refuses an id that is in both files and column, or in
-    neither.
-    """
-    in_files = MARK in campaign.records.pattern
-    in_column = MARK in ChannelSpec.from_manifest(campaign).column
-    if in_files == in_column:
-        raise ManifestError(
-            "records.files",
-            f"{campaign.records.pattern!r}"
-            f" {'and the column both say' if in_files else 'does not say'} where the trial's id is",
-            'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all trials,'
-            " in force.column",
-        )
-    return in_column

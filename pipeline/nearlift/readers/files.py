@@ -55,14 +55,6 @@ class Piece:
     rows: tuple[tuple[int, int], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingPlan:
-    """The pieces of a campaign, and notes on the files. Trials in no piece have no record."""
-
-    pieces: tuple[Piece, ...]
-    notes: tuple[str, ...] = ()
-
-
 # ---- places
 
 
@@ -168,22 +160,24 @@ def _fits(name: str, pattern: str) -> bool:
     return length > 0 and rest == 0 and pattern.replace(MARK, trial) == name
 
 
-def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[str, ...]:
+def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> list[str]:
     """Notes on files among the records that no trial of the schedule names: a row may be lost, or
     an id mistyped.
     """
     pattern, listing = campaign.records.pattern, campaign.trials.file
     paths = root.glob(glob.escape(pattern).replace(MARK, "*"))
     there = {name for path in paths if (name := source_of(root, path)) != listing}
-    wanted = {pattern.replace(MARK, trial): trial for trial in trials}
+    wanted = {pattern.replace(MARK, trial) for trial in trials}
     other = sorted(
-        name for name in there - wanted.keys() if _fits(name, pattern) and (root / name).is_file()
+        name for name in there - wanted if _fits(name, pattern) and (root / name).is_file()
     )
     # a name that differs from a missing one only in case, or in the form of its accents
-    missing = {_folded(name): name for name in wanted.keys() - there}
-    alike = {name: meant for name in other if (meant := missing.get(_folded(name)))}
-    notes = []
-    for name, meant in alike.items():
+    missing = {_folded(name): name for name in wanted - there}
+    notes, rest = [], []
+    for name in other:
+        if (meant := missing.get(_folded(name))) is None:
+            rest.append(name)
+            continue
         same = unicodedata.normalize("NFC", name) == unicodedata.normalize("NFC", meant)
         how = "in the Unicode form of its accents (NFC, NFD)" if same else "in case"
         notes.append(
@@ -192,14 +186,13 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
         )
     if len(notes) > MOST_NAMED:
         notes[MOST_NAMED:] = [f"... and {len(notes) - MOST_NAMED} more such files"]
-    rest = [name for name in other if name not in alike]
     if rest:
         more = f" and {len(rest) - 1} more are" if len(rest) > 1 else " is"
         notes.append(
             f"{rest[0]}{more} no trial's record: the schedule has no such row, so left out; a row"
             " lost, or an id mistyped?"
         )
-    return tuple(notes)
+    return notes
 
 
 def _folded(name: str) -> str:

@@ -26,7 +26,7 @@ from nearlift.readers.base import (
     Record,
     RecordsDialect,
 )
-from nearlift.readers.files import Piece, ReadingPlan, inside, source_of
+from nearlift.readers.files import Piece, inside, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.table import floats
 from nearlift.readers.text import with_rate
@@ -202,7 +202,9 @@ class LongTable(Reader):
         path = _path(campaign, root)
         return [path] if path.is_file() else []
 
-    def plan(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
+    def plan(
+        self, campaign: Campaign, root: Path, trials: Sequence[str]
+    ) -> tuple[list[Piece], list[str]]:
         """Stretches of trials, each of at least `ROWS` rows."""
         path, spec = _path(campaign, root), ChannelSpec.from_manifest(campaign)
         if not path.is_file():
@@ -223,9 +225,11 @@ class LongTable(Reader):
             f" such as {name!r}; they were left out"
             for name in other[:1]
         ]
-        return ReadingPlan(pieces=tuple(_pieces(path, here)), notes=tuple(notes))
+        return list(_pieces(path, here)), notes
 
-    def read_piece(self, campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
+    def read_piece(
+        self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False
+    ) -> Iterator[Record]:
         """The piece's records in the plan's order."""
         path, spec = piece.paths[0], ChannelSpec.from_manifest(campaign)
         names = (spec.column,) if spec.clock is None else (spec.column, spec.clock)

@@ -24,11 +24,9 @@ from nearlift.readers.base import (
     Contents,
     Reader,
     Record,
-    RecordsDialect,
     pick,
 )
-from nearlift.readers.files import is_packed, source_of
-from nearlift.readers.guarded import Malformed
+from nearlift.readers.files import Piece, is_packed
 from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
@@ -114,25 +112,18 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
     """The pieces of one record; `InputRefused` where its file cannot be read as the manifest says,
     or does not fall into pieces.
     """
-    reader, source = cutting(reader), source_of(root, path)
+    piece = Piece(trials=(record,), paths=(path,))
+    (whole,) = cutting(reader).read_piece(campaign, root, piece, whole=True)
+    if whole.refusal is not None:
+        raise whole.refusal
+    return cut(campaign, root, whole)
 
-    def without(fault: str, *codes: str) -> Segmented:
-        return Segmented(record=Record(trial=record, source=source, codes=codes, fault=fault))
 
-    if path.stat().st_size == 0:
-        return without("", "EMPTY")
-    dialect = campaign.records.dialect
-    try:
-        contents = reader.open(path, dialect)
-    except Malformed as fault:
-        return without(f"{source}: {fault}", "MALFORMED")
-    if not contents.channels:
-        return without("", *contents.codes)
-    spec = ChannelSpec.from_manifest(campaign)
-    whole = spec.record(contents, record, str(path), source)
-    if not len(whole.force_N):
+def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
+    """The pieces of a record that was read with all channels of its file; raises as `read`."""
+    if whole.contents is None or not len(whole.force_N):
         return Segmented(record=whole)
-    return _Cutter(campaign, path, dialect, contents, whole).segmented(spec)
+    return _Cutter(campaign, root / whole.source, whole.contents, whole).segmented()
 
 
 class _Cutter:
@@ -145,7 +136,6 @@ class _Cutter:
         self,
         campaign: Campaign,
         path: Path,
-        dialect: RecordsDialect,
         contents: Contents,
         whole: Record,
     ) -> None:
@@ -153,14 +143,15 @@ class _Cutter:
         assert cut is not None
         assert rate is not None
         self.cut, self.rate, self.n = cut, rate, len(whole.force_N)
-        self.path, self.where, self.dialect = path, str(path), dialect
+        self.path, self.where, self.dialect = path, str(path), campaign.records.dialect
+        self.names = ChannelSpec.from_manifest(campaign).names(whole.trial)
         self.contents, self.whole = contents, whole
         self.at_level = campaign.load_cell.tare == "level 0"
         self.head = min(round(campaign.tare_s * rate), self.n)
         self.values: FloatArray | None = None
         self.edges = self._edges()
 
-    def segmented(self, spec: ChannelSpec) -> Segmented:
+    def segmented(self) -> Segmented:
         """The record cut into pieces."""
         cut, whole, rate = self.cut, self.whole, self.rate
         settle, shortest, length = (
@@ -171,7 +162,7 @@ class _Cutter:
         bring = self._brought()
         time_s, kept = _new_samples(whole)
         zeros = self._zeros(pieces)
-        known = [pick(self.contents.channels, n, "", "") for n in spec.names(whole.trial)]
+        known = [pick(self.contents.channels, n, "", "") for n in self.names]
         further = self._further([*known, *(c for c, _ in bring.values())])
         trials: list[CutPiece] = []
         for piece in pieces.pieces:

@@ -6,8 +6,8 @@ import contextlib
 import difflib
 import os
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,17 +21,17 @@ from nearlift.campaign.rig import RECORD_MARK
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.readers import means, ramp, segments
 from nearlift.readers.base import Reader
-from nearlift.readers.files import MARK, Piece, per_trial, pieces, source_of, unlisted
+from nearlift.readers.files import MARK, Piece, per_trial, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.rows import (
-    OF_PIECES,
-    CutRecord,
+    MISSING,
+    Answer,
     Row,
-    Rows,
     Task,
-    cut_piece,
+    columns_of,
     digest_of,
     reduce_piece,
+    remarks,
 )
 from nearlift.readers.segment_schedule import schedule_of_trials
 from nearlift.reduction import judge, plausibility, quality
@@ -109,17 +109,19 @@ def reduced_trials(recorded: Recorded) -> ReducedTrials:
     if not campaign.cuts_records:
         _require_known(campaign.quality.exclude, schedule)
     if reader.contents is None:
-        rows = _from_means(recorded, schedule)
-    elif campaign.cuts_records:
-        schedule, rows, more = _from_cut_records(recorded, reader, schedule)
-        _require_known(campaign.quality.exclude, schedule, by_record=True)
-        notes += [*more, *_remarks_on_tare(campaign)]
+        columns = means.columns_of(schedule, *_listing(recorded))
+        codes: list[tuple[str, ...]] = [()] * len(schedule)
     else:
-        rows, more = _from_records(recorded, reader, schedule)
-        sweeps = _mark_sweeps(recorded, reader, schedule, rows)
+        schedule, rows, more = _from_records(recorded, reader, schedule)
+        columns = columns_of(rows, ("u_zero_N",) if campaign.cuts_records else ())
+        codes = [row.reduced.codes for row in rows]
+        if campaign.cuts_records:
+            _require_known(campaign.quality.exclude, schedule, by_record=True)
+        else:
+            sweeps = _mark_sweeps(recorded, reader, schedule, columns, codes)
         notes += [*more, *_remarks_on_tare(campaign), *sweeps]
-    _mark_pending(recorded, rows)
-    table = _table(schedule, rows, campaign)
+    _mark_pending(recorded, columns["source"].tolist(), codes)
+    table = _table(schedule, columns, codes, campaign)
     notes += judge.judge(table, campaign)
     if asked := campaign.quality.exclude:
         trials = ", ".join(f"{trial} ({why})" if why else trial for trial, why in asked.items())
@@ -132,6 +134,12 @@ def reduced_trials(recorded: Recorded) -> ReducedTrials:
         for i in np.flatnonzero(quality.faulty(table["quality"]))
     )
     return ReducedTrials(table=table, rejected=rejected, notes=tuple(notes))
+
+
+def _listing(recorded: Recorded) -> tuple[str, str]:
+    """The schedule's file, relative to the folder, and its SHA-256."""
+    source = source_of(recorded.root, schedule_file(recorded.campaign, recorded.root))
+    return source, digest_of(recorded.root, source, dict(recorded.digests))
 
 
 def _all_rejected(
@@ -157,17 +165,22 @@ def _all_rejected(
     )
 
 
-def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> dict[str, NDArray[Any]]:
+def _table(
+    schedule: Schedule,
+    columns: dict[str, NDArray[Any]],
+    of_records: Sequence[tuple[str, ...]],
+    campaign: Campaign,
+) -> dict[str, NDArray[Any]]:
     """Columns of trials.parquet in run order, with the codes that each trial has by itself."""
-    codes = [list(trial_codes) for trial_codes in rows.codes]
+    codes = [list(trial_codes) for trial_codes in of_records]
     owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
-    judge.record_codes(rows.columns, codes, owners, campaign)
+    judge.record_codes(columns, codes, owners, campaign)
     if schedule.reached_m is not None:
         off = np.abs(schedule.reached_m - schedule.z_m)
         lost = off > campaign.quality.height * campaign.vehicle.rotor_radius
         for k in np.flatnonzero(lost).tolist():
             codes[k].append("HEIGHT")
-    excluded, fault = campaign.quality.exclude, rows.columns["fault"]
+    excluded, fault = campaign.quality.exclude, columns["fault"]
     for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
         if (named := trial if trial in excluded else record) in excluded:
             codes[i].append(quality.EXCLUDED)
@@ -175,7 +188,7 @@ def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> dict[str, NDAr
     texts = [quality.joined(c) for c in codes]
     return {
         **schedule.settings,
-        **rows.columns,
+        **columns,
         "quality": np.array(texts, dtype=object),
         "visit": schedule.visit,
         "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
@@ -200,76 +213,46 @@ def _require_known(exclude: Mapping[str, str], schedule: Schedule, by_record: bo
         )
 
 
-def _answers(
-    recorded: Recorded, work: Callable[[Task], Any], tasks: Iterator[Task], count: int, noun: str
-) -> Iterator[Row | CutRecord]:
-    """Answers of workers, in order; raises the first refusal where most records are refused: one
-    record is damaged, most of them are misdescribed.
-    """
-    refusals: list[InputRefused] = []
-    done = 0
-    for answers in recorded.spread(work, tasks):
-        refusals += [answer.refusal for answer in answers if answer.refusal]
-        if 2 * len(refusals) > count:
-            raise refusals[0]
-        done += len(answers)
-        recorded.say(f"ingest {done} of {count} {noun}", done / count)
-        yield from answers
-
-
-def _from_records(recorded: Recorded, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
-    """Rows of records that hold one trial each, and notes. Refused where no trial has a record."""
-    plan = reader.plan(recorded.campaign, recorded.root, list(schedule.trial))
-    count = sum(len(piece.trials) for piece in plan.pieces)
-    if not count:
-        raise InputRefused(
-            str(recorded.root / (recorded.campaign.records.files or "")),
-            f"none of the {len(schedule)} trials has a record",
-            f"the first would be that of trial {schedule.trial[0]!r}; check [records] files",
-        )
-    place = {trial: i for i, trial in enumerate(schedule.trial)}
-    rows, notes, todo = Rows(len(schedule)), plan.notes, deque(plan.pieces)
-    # a piece is not kept once it is done
-    del plan
-    for row in _answers(recorded, reduce_piece, _tasks(recorded, todo, schedule), count, "trials"):
-        assert isinstance(row, Row)
-        rows.put(place[row.trial], row)
-    return rows, [*notes, *rows.remarks()]
-
-
-def _from_cut_records(
+def _from_records(
     recorded: Recorded, reader: Reader, schedule: Schedule
-) -> tuple[Schedule, Rows, list[str]]:
-    """The schedule of the pieces of all records, their rows, and notes. Refused where no record is
-    there.
+) -> tuple[Schedule, list[Row], list[str]]:
+    """The schedule of all trials (of pieces, where records are cut), their rows, and notes.
+
+    Raises
+    ------
+    InputRefused
+        No trial has a record, or most records are refused, by the first refusal: one record is
+        damaged, most of them are misdescribed.
     """
     campaign, ids = recorded.campaign, schedule.trial.tolist()
-    segments.cutting(reader).checked_dialect(campaign.records.dialect)
-    there = per_trial(campaign, recorded.root, ids)
-    if not there:
+    noun = "records" if campaign.cuts_records else "trials"
+    reader = segments.cutting(reader) if campaign.cuts_records else reader
+    pieces, notes = reader.plan(campaign, recorded.root, ids)
+    count = sum(len(piece.trials) for piece in pieces)
+    if not count:
         raise InputRefused(
             str(recorded.root / (campaign.records.files or "")),
-            f"none of the {len(ids)} records of the schedule is there",
-            f"the first would be {ids[0]!r}; check [records] files",
+            f"none of the {len(ids)} {noun} has a record",
+            f"the first would be that of {ids[0]!r}; check [records] files",
         )
-    tasks = _tasks(recorded, deque(pieces(there)), schedule)
-    answers: dict[str, CutRecord] = {}
-    for answer in _answers(recorded, cut_piece, tasks, len(there), "records"):
-        assert isinstance(answer, CutRecord)
-        answers[answer.record] = answer
-    cuts = {record: answer.pieces for record, answer in answers.items()}
-    trials = schedule_of_trials(campaign, recorded.root, cuts)
-    rows, at = Rows(len(trials), OF_PIECES), 0
-    for record in ids:
-        # a record that is not there has a row that is MISSING
-        if record in answers:
-            rows.put_all(at, answers[record].rows)
-        at += len(answers[record].rows.codes) if record in answers else 1
-    notes = [*unlisted(campaign, recorded.root, ids), *_remarks_on_cuts([*answers.values()])]
-    return trials, rows, [*notes, *rows.remarks()]
+    answers: dict[str, Answer] = {}
+    refusals: list[InputRefused] = []
+    for done in recorded.spread(reduce_piece, _tasks(recorded, pieces, schedule)):
+        answers |= {answer.record: answer for answer in done}
+        refusals += [answer.refusal for answer in done if answer.refusal]
+        if 2 * len(refusals) > count:
+            raise refusals[0]
+        recorded.say(f"ingest {len(answers)} of {count} {noun}", len(answers) / count)
+    if campaign.cuts_records:
+        cut = {record: answer.pieces for record, answer in answers.items()}
+        schedule = schedule_of_trials(campaign, recorded.root, cut)
+        notes += _remarks_on_cuts([*answers.values()])
+    rows = [row for i in ids for row in (answers[i].rows if i in answers else (MISSING,))]
+    in_order = [answers[i] for i in ids if i in answers]
+    return schedule, rows, [*notes, *remarks(in_order)]
 
 
-def _remarks_on_cuts(answers: list[CutRecord]) -> list[str]:
+def _remarks_on_cuts(answers: Sequence[Answer]) -> list[str]:
     """Shares of samples that were kept and left out, in one line."""
     total: Counter[str] = sum((a.counts for a in answers), Counter())
     if not total["pieces"]:
@@ -282,14 +265,20 @@ def _remarks_on_cuts(answers: list[CutRecord]) -> list[str]:
     return [f"{kept}; {settling}, {short}, {total['rest']} pieces are at rest"]
 
 
-def _mark_sweeps(recorded: Recorded, reader: Reader, schedule: Schedule, rows: Rows) -> list[str]:
+def _mark_sweeps(
+    recorded: Recorded,
+    reader: Reader,
+    schedule: Schedule,
+    columns: Mapping[str, NDArray[Any]],
+    codes: list[tuple[str, ...]],
+) -> list[str]:
     """Remark on records that sweep the throttle but are given as one trial each, with the lines
-    that would cut them. Their rows become MIXED.
+    that would cut them. Their codes become MIXED.
     """
     campaign = recorded.campaign
     if MARK not in campaign.records.pattern:
         return []
-    wide = rows.columns["sd_N"] > SWEEP * np.abs(rows.columns["lift_N"])
+    wide = columns["sd_N"] > SWEEP * np.abs(columns["lift_N"])
     place = {str(schedule.trial[i]): i for i in np.flatnonzero(wide).tolist()}
     sweeps: dict[str, ramp.Ramp] = {}
     for k, (trial, (path, _)) in enumerate(per_trial(campaign, recorded.root, [*place]).items()):
@@ -301,7 +290,7 @@ def _mark_sweeps(recorded: Recorded, reader: Reader, schedule: Schedule, rows: R
     if not sweeps:
         return []
     for i in (place[trial] for trial in sweeps):
-        rows.codes[i] = tuple(dict.fromkeys((*rows.codes[i], "MIXED")))
+        codes[i] = tuple(dict.fromkeys((*codes[i], "MIXED")))
     trial, first = next(iter(sweeps.items()))
     more = f" (and {len(sweeps) - 1} more like it)" if len(sweeps) > 1 else ""
     remark = (
@@ -329,16 +318,15 @@ def _remarks_on_tare(campaign: Campaign) -> list[str]:
     return remarks
 
 
-def _tasks(recorded: Recorded, todo: deque[Piece], schedule: Schedule) -> Iterator[Task]:
-    """A task for each piece, which is taken off the queue."""
+def _tasks(recorded: Recorded, pieces: Sequence[Piece], schedule: Schedule) -> Iterator[Task]:
+    """A task for each piece."""
     tares = schedule.covariates.get("tare_after_N")
     after = {} if tares is None else dict(zip(schedule.trial, tares, strict=True))
     root, known = recorded.root, dict(recorded.digests)
     # a file that many trials share is hashed once, here, and not by every worker
-    for path in {p.paths[0] for p in todo if len(p.paths) == 1 and len(p.trials) > 1}:
+    for path in {p.paths[0] for p in pieces if len(p.trials) > len({*p.paths})}:
         digest_of(root, source_of(root, path), known)
-    while todo:
-        piece = todo.popleft()
+    for piece in pieces:
         names = [source_of(root, path) for path in piece.paths]
         yield Task(
             root=root,
@@ -349,33 +337,27 @@ def _tasks(recorded: Recorded, todo: deque[Piece], schedule: Schedule) -> Iterat
         )
 
 
-def _mark_pending(recorded: Recorded, rows: Rows) -> None:
+def _mark_pending(recorded: Recorded, sources: Sequence[str], codes: list[tuple[str, ...]]) -> None:
     """Mark the trials of files that were still being written PENDING; refuse what many trials rest
     on where it was changed while it was read.
     """
     changed, young = _moving(recorded)
-    asked = {*changed, *young}
-    owners: dict[str, list[int]] = {name: [] for name in asked}
-    for i, source in enumerate(rows.columns["source"].tolist()):
-        if source in asked:
+    owners: dict[str, list[int]] = {name: [] for name in (*changed, *young)}
+    for i, source in enumerate(sources):
+        if source in owners:
             owners[source].append(i)
     for name in changed:
-        one = len(owners[name]) == 1 or (owners[name] and recorded.campaign.cuts_records)
-        if not one:
+        if len(owners[name]) != 1 and not (owners[name] and recorded.campaign.cuts_records):
             raise InputRefused(
                 str(recorded.root / name),
                 "was changed while it was being read",
                 "run again when it is complete",
             )
     late = {i for name in changed for i in owners[name]}
-    late |= {
-        i
-        for name in young
-        for i in owners[name]
-        if not {"truncated", "MALFORMED"}.isdisjoint(rows.codes[i])
-    }
+    cut = {"truncated", "MALFORMED"}
+    late |= {i for name in young for i in owners[name] if not cut.isdisjoint(codes[i])}
     for i in late:
-        rows.codes[i] = (*rows.codes[i], "PENDING")
+        codes[i] = (*codes[i], "PENDING")
 
 
 def _moving(recorded: Recorded) -> tuple[list[str], list[str]]:
@@ -393,18 +375,3 @@ def _moving(recorded: Recorded) -> tuple[list[str], list[str]]:
         elif abs(now - status.st_mtime_ns) < WRITING_NS:
             young.append(name)
     return changed, young
-
-
-def _from_means(recorded: Recorded, schedule: Schedule) -> Rows:
-    source = source_of(recorded.root, schedule_file(recorded.campaign, recorded.root))
-    lift = means.lift_of(schedule)
-    rows = Rows(len(schedule))
-    rows.columns |= {
-        **{name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")},
-        "n_eff": lift["n"].astype(float),
-        **{name: lift["n"].astype(np.int64) for name in ("n", "samples")},
-    }
-    rows.columns["source"][:] = source
-    rows.columns["source_sha256"][:] = digest_of(recorded.root, source, dict(recorded.digests))
-    rows.codes = [()] * len(schedule)
-    return rows

@@ -84,15 +84,11 @@ TRIALS = Product(
 def inputs(root: Path, campaign: Campaign) -> Inputs:
     """Schedule and records; raises `NearliftError` where the schedule cannot be read."""
     from nearlift import readers
-    from nearlift.readers.files import per_trial, source_of
+    from nearlift.readers.files import source_of
     from nearlift.schedule import read_schedule, schedule_file
 
     trials = list(read_schedule(campaign, root).trial)
-    records = (
-        [path for path, _ in per_trial(campaign, root, trials).values()]
-        if campaign.cuts_records
-        else readers.reader(campaign.records.reader).files(campaign, root, trials)
-    )
+    records = readers.reader(campaign.records.reader).files(campaign, root, trials)
     files = [source_of(root, path) for path in (schedule_file(campaign, root), *records)]
     return {file: (file,) for file in files}
 
