@@ -48,6 +48,10 @@ def table(distance: str, throttle: str, lift: str, more: str = "") -> bytes:
         ("measured by cell (kg)", "kgf"),
         ("Thrust (lbf) avg", "lbf"),
         ("F", "FILL IN"),
+        ("Auftrieb [gf]", "gf"),
+        ("portance moyenne (gf)", "gf"),
+        ("T̄ [gf]", "gf"),
+        ("LIFT_GF", "gf"),
     ],
 )
 def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, unit: str) -> None:

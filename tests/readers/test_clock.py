@@ -33,6 +33,9 @@ from nearlift.reduction.samples import clock_codes
         (["20241027T235958.5Z", "20241028T000000.25Z"], [0, 1.75]),
         (["[14:05:03.000]", "[14:05:03.012]"], [0, 0.012]),
         (["Oct 27 2024 14:05:03", "Oct 27 2024 14:05:04"], [0, 1]),
+        (["14. März 2026 14:05:03,25", "14. März 2026 14:05:04,5"], [0, 1.25]),
+        (["14h05m03.2s", "14h05m03,7s"], [0, 0.5]),
+        (["14/03/2026 02:05:03.2 pm", "14/03/2026 02:05:03.7 pm"], [0, 0.5]),
     ],
 )
 def test_usual_writings(cells: list[str], want: list[float]) -> None:
@@ -84,6 +87,42 @@ def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
     assert record.time_s is not None
     np.testing.assert_allclose(record.time_s, np.arange(200) / 40, atol=1e-9)
     assert record.force_N.tolist() == force
+
+
+@pytest.mark.parametrize(
+    ("stamp", "unit"),
+    [("1773497100{:03d}", "ms"), ("1773497100.{:03d}", "s"), ("1773497100{:03d}000", "us")],
+)
+def test_stamps_since_1970_have_their_unit(tmp_path: Path, stamp: str, unit: str) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{stamp.format(10 * i)},{i % 7}\n" for i in range(99))
+    path.write_text("timestamp,force\n" + rows)
+    found = inspect(path)
+    assert found.clock is not None
+    assert found.force is not None
+    assert (found.clock.unit, found.force.rate_Hz) == (unit, pytest.approx(100, rel=1e-3))
+
+
+def test_a_spreadsheets_days_are_a_clock(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{46095.586805 + i / 864000:.10f};{i % 7}\n" for i in range(99))
+    path.write_text("Zeit;Kraft (gf)\n" + rows)
+    found = inspect(path)
+    assert found.clock is not None
+    assert found.force is not None
+    assert (found.clock.unit, found.force.rate_Hz) == ("day", pytest.approx(10, rel=1e-4))
+    given = manifest(
+        load_cell={"sample_rate": "10 Hz"},
+        records={
+            "reader": "text",
+            "files": "{trial}.csv",
+            "force": {"column": "Kraft", "unit": "gf", "sign": 1},
+            "time": {"column": "Zeit", "unit": "day"},
+        },
+    )
+    (record,) = of_trials("text", given, tmp_path, ["a"])
+    assert record.time_s is not None
+    np.testing.assert_allclose(record.time_s - record.time_s[0], np.arange(99) / 10, atol=1e-4)
 
 
 def test_stamps_in_whole_seconds_are_no_clock_of_samples(tmp_path: Path) -> None:

@@ -74,6 +74,22 @@ def test_what_does_not_fit_is_refused_with_its_line(content: str | bytes, match:
         layout(content)
 
 
+@pytest.mark.parametrize(
+    ("content", "names", "units"),
+    [
+        ("Zeit;Kraft\n[s];[gf]\n0,1;2,5\n", ("Zeit", "Kraft"), ("s", "gf")),
+        ("Zeit;Drehzahl;Kraft\ns;U/min;gf\n0,1;50,5;2,5\n", ("Zeit", "Drehzahl", "Kraft"), ("s", "rpm", "gf")),
+        ("t;state;F\ns;;gf\n0;1;2\n", ("t", "state", "F"), ("s", "", "gf")),
+        ("z,Thrust,\n[mm],mean [gf],sd [gf]\n5,20,1\n", ("z [mm]", "Thrust mean [gf]", "Thrust sd [gf]"), ("mm", "gf", "gf")),
+        ("force\nOVER\n1\n", ("force",), ("",)),
+    ],
+)  # fmt: skip
+def test_two_header_rows(content: str, names: tuple[str, ...], units: tuple[str, ...]) -> None:
+    shown = layout(content)
+    assert (shown.names, shown.units) == (names, units)
+    assert shown.first == (2 if "OVER" in content else 3)
+
+
 def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
     two = "1,5\n2,5\n"
     assert layout(two, Dialect(columns=("a", "b"))).separator == ","

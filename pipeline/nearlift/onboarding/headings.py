@@ -31,10 +31,10 @@ def _pairs(text: str) -> dict[str, str]:
 #: Words in names of force channels, the most certain first.
 FORCE_WORDS = (
     *("thrust", "force fz", "lift", "load cell", "loadcell", "weight", "force", "kraft"),
-    *("schub", "cell", "fz"),
+    *("schub", "auftrieb", "poussée", "portance", "empuje", "cell", "fz"),
 )
 #: Names of a lift without a unit.
-LIFT_WORDS = {"thrust", "lift", "force", "fz", "f"}
+LIFT_WORDS = {"thrust", "lift", "force", "fz", "f", *FORCE_WORDS[7:12]}
 #: Words of a command or of a motor: no measured force, whatever the unit.
 COMMAND_WORDS = {
     *("cmd", "command", "commanded", "setpoint", "target", "desired", "ref", "reference"),
@@ -44,7 +44,7 @@ MOTOR_WORDS = {"u", "m", "motor", "pwm", "esc", "servo", "acc", "vibration", "ef
 #: Words of a statistic that is no mean.
 SCATTER_WORDS = {
     *("sd", "std", "stdev", "stddev", "sigma", "dev", "deviation", "scatter", "rms", "noise"),
-    *("std.", "σ", "±"),
+    *("std.", "σ", "±", "s", "standardabweichung", "streuung", "stdabw", "écart", "desviación"),
 }
 OTHER_STATISTICS = {
     *("min", "max", "peak", "minimum", "maximum", "median", "u", "se", "sem", "err", "error"),
@@ -81,8 +81,14 @@ _WRITTEN = _pairs(
 SYNONYMS = {
     "trial": ("id", "run", "file", "record", "test", "name", "nr", "no", "filename", "file name"),
     "boundary": ("surface", "effect", "wall"),
-    "distance": ("dist", "height", "h", "z", "gap", "clearance", "altitude"),
-    "throttle": ("thr", "duty", "pwm", "esc", "esc signal", "signal", "command", "cmd", "gas"),
+    "distance": (
+        *("dist", "height", "h", "z", "gap", "clearance", "altitude"),
+        *("abstand", "höhe", "hauteur", "altura", "distancia"),
+    ),
+    "throttle": (
+        *("thr", "duty", "pwm", "esc", "esc signal", "signal", "command", "cmd", "gas"),
+        *("drossel", "gaz", "commande", "acelerador"),
+    ),
     "start": ("started", "start time", "date", "time of day", "timestamp"),
     "session": ("battery number", "series", "block", "day", "battery no", "pack"),
     "supply": ("voltage", "vbat", "battery", "v bat", "supply voltage", "battery voltage", "v"),
@@ -116,6 +122,7 @@ def named(heading: str) -> tuple[str, str]:
     if within and (inner := unit_word(within[2])):
         return f"{within[1].rstrip()} {within[3]}", inner
     head, _, suffix = heading.strip().rpartition("_")
+    suffix = suffix.lower() if heading.isupper() and suffix.lower() in _SUFFIXES else suffix
     if head and suffix in _SUFFIXES:
         return head, _SUFFIXES[suffix]
     # a lower-case n is newtons in the name of a force, else a count
@@ -176,6 +183,16 @@ def is_clock(heading: str) -> bool:
     """Whether a column of that name is a clock."""
     bare, unit = named(heading)
     return fold(bare.rsplit(".", 1)[-1]) in CLOCKS and unit in ("", *SECONDS)
+
+
+def stamp_unit(clock: Channel) -> str:
+    """The unit of a clock's stamps since 1970, or of a spreadsheet's days; empty for others."""
+    first = float(clock.values[0]) if len(clock.values) else 0.0
+    for unit in ("s", "ms", "us"):
+        if 8e8 < first * SECONDS[unit] < 4e9:
+            return unit
+    in_days = 2e4 < first < 8e4 and 0 < float(clock.values[-1]) - first < 1
+    return "day" if in_days else ""
 
 
 def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel | None:

@@ -118,6 +118,10 @@ def inspect(
     channels = [
         c if c.unit else replace(c, unit=headings.named(c.name)[1]) for c in contents.channels
     ]
+    channels = [
+        replace(c, unit=headings.stamp_unit(c)) if not c.unit and headings.is_clock(c.name) else c
+        for c in channels
+    ]
     clock = headings.likely_clock(channels, headings.force_channel(channels))
     if all(c.rate_Hz is None for c in channels):
         channels = [replace(c, rate_Hz=headings.clock_rate(clock)) for c in channels]

@@ -155,7 +155,9 @@ def _force(first: Inspection) -> tuple[InlineTable, str]:
         content["calibration"] = {"gain": "FILL IN mN/count", "offset": "FILL IN count"}
     remarks = [] if known else ["the file does not say the unit"]
     values = force.values[np.isfinite(force.values)]
-    if len(values) and -float(values.min()) > 3 * abs(float(values.max())) and not first.wraps:
+    # single error codes aside
+    low, high = np.quantile(values, [0.05, 0.95]) if len(values) else (0.0, 0.0)
+    if -low > 3 * abs(high) and not first.wraps:
         remarks.append("sign = -1 if lift makes these numbers negative")
     return _inline(content), "; ".join(remarks)
 

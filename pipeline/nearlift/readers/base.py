@@ -55,6 +55,7 @@ _SPELLINGS = {
     "A": ("amps",),
     "percent": ("%",),
     "degC": ("°c", "c"),
+    "rpm": ("u/min", "1/min", "rev/min", "r/min", "tr/min"),
     "m/s^2": ("m/s2",),
     "N m": ("nm", "n·m"),
     "": ("-", "1"),
@@ -65,7 +66,7 @@ UNITS = {unit.casefold(): unit for unit in _UNITS} | {
 #: Units of mass as those of the force that a load cell means.
 AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}
 FORCE_UNITS = ("N", "mN", "kN", "gf", "kgf", "lbf", "ozf")
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "day": 86400.0}
 _PRODUCT = str.maketrans(dict.fromkeys("⋅∙*•", "·"))
 
 

@@ -17,6 +17,8 @@ import numpy as np
 from nearlift.declare import FloatArray
 
 DAY_S, HOUR_S = 86400.0, 3600.0
+#: Times such as ``14h05m03.2s``.
+_HOURS = re.compile(r"(?<!\w)(\d{1,2})h(\d{2})m(?:in)?(\d{2}(?:[.,]\d+)?)s?(?!\w)", re.IGNORECASE)
 _TIME = re.compile(
     r"(?:(?P<hour>\d{1,2}):)?(?P<minute>\d{1,2}):(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?"
     r"(?:\s*(?P<half>[ap])\.?m\.?)?"
@@ -74,7 +76,7 @@ def _parts(cell: str) -> tuple[float, int, float] | None:
 
     The seconds begin again after a period. None where the cell is no time.
     """
-    plain = cell.strip(" \t[]()")
+    plain = _HOURS.sub(r"\1:\2:\3", cell.strip(" \t[]()"))
     date, of_day_text = _divided(plain)
     match = _TIME.fullmatch(of_day_text)
     if match is None and "T" in plain:

@@ -305,12 +305,17 @@ def _fitted(
 
 
 def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, strict: bool) -> int:
-    """Index of the first line that holds a number; `strict`: and no other words."""
+    """Index of the first line that holds a number, or of words for "no number" right above it;
+    `strict`: and no other words.
+    """
+    first = skip
     for at in range(skip, len(lines)):
         numbers = [signs.value(cell) for cell in _cut(lines[at], signs)]
         numeric = any(value is not None and value == value for value in numbers)
         if numeric and (not strict or None not in numbers):
-            return at
+            return min(first, at)
+        if None in numbers or not lines[at].strip():
+            first = at + 1
     what = "holds no row of numbers in any dialect known"
     remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
     raise _Unfit(-1, NoRows(where, what, remedy))
@@ -329,6 +334,13 @@ def _header(
         units = [_unit(cell) for cell in _cut(lines[above[0]], signs)][: len(heads[1])]
         if len(units) == len(heads[1]) and None not in units and any(units):
             return heads[1], tuple(unit or "" for unit in units), above[1]
+    if len(heads) > 1 and heads[0]:
+        # names over several columns, and their parts below
+        upper = _cut(lines[above[1]], signs)
+        if len(upper) == len(heads[0]) > sum(map(bool, upper)) > 1 and upper[0]:
+            wide = itertools.accumulate(upper, lambda name, cell: cell or name)
+            names = tuple(f"{a} {b}" for a, b in zip(wide, heads[0], strict=True))
+            return names, tuple(split_unit(name)[1] for name in names), above[1]
     if not heads or not heads[0]:
         raise _Unfit(
             1,
