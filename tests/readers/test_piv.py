@@ -238,7 +238,7 @@ KNOWN = Setting(length_unit="mm", velocity_unit="m/s")
         (
             DAVIS + table(X, Y, U, V).replace("0.75", "0,75"),
             Setting(),
-            "mixes decimal commas and points",
+            "write decimals with a point",
         ),
         (
             DAVIS + table(X[:2], Y[:2], U[:2], V[:2]),

@@ -338,7 +338,9 @@ def _header(
         # names over several columns, and their parts below
         upper = _cut(lines[above[1]], signs)
         if len(upper) == len(heads[0]) > sum(map(bool, upper)) > 1 and upper[0]:
-            wide = itertools.accumulate(upper, lambda name, cell: cell or name)
+            wide = list(upper)
+            for k in range(1, len(wide)):
+                wide[k] = wide[k] or wide[k - 1]
             names = tuple(f"{a} {b}" for a, b in zip(wide, heads[0], strict=True))
             return names, tuple(split_unit(name)[1] for name in names), above[1]
     if not heads or not heads[0]:

@@ -2,9 +2,10 @@
 
 The dialects are OpenPIV, PIVlab, Insight, DaVis, Dantec and pivpy's netCDF.
 
-A text dialect is a function from a header to a `Header`. One reader reads all of them, and checks
-rows, column counts and promised sizes. A number that a header states must agree with the manifest.
-A vector that is exactly (0, 0) is missing: correlating software writes it where it found nothing.
+A text dialect is a function from a header to the names and units of columns. One reader reads all
+of them, finds columns by name, and checks rows, column counts and promised sizes. A number that a
+header states must agree with the manifest. A vector that is exactly (0, 0) is missing: correlating
+software writes it where it found nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +34,12 @@ from nearlift.readers.table import BLANKS, Layout, Lines, parse
 HEAD, ANSWER = 1 << 16, 32 << 20
 PIXEL = ("px", "pix", "pixel", "pixels")
 FRAME = ("frame", "frames", "dt", "pair")
-OPENPIV_NAMES = ("x", "y", "u", "v", "flags", "mask")
-DANTEC_HEADER, DANTEC_DATA = ">>*HEADER*<<", ">>*DATA*<<"
-#: A name begins only where one may, lest every letter of a long one be a start.
-PIVLAB_NAME = re.compile(r"(?<![^\[\],;\t])([^\[\],;\t]++)\[([^\[\]]*+)\]")
-#: PIVlab's flag of a measured vector.
-MEASURED = 1
+DANTEC_DATA = ">>*DATA*<<"
+#: Columns that mark measured vectors, with the value that means measured. Insight, OpenPIV's two,
+#: PIVlab, Dantec.
+MEASURED = {"chc": 1, "flags": 0, "mask": 0, "vector type": 1, "status": 0}
+#: ``X (mm)[mm]``, ``u [m/s]``: name, and the unit in the last brackets.
+_BRACKETS = re.compile(r"\s*+([^\[\]()]*+)(?:\([^)]*+\)\s*+)?\[([^\[\]]*+)\]\s*+")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,34 +74,13 @@ class Raw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """The content of a text's header.
-
-    Attributes
-    ----------
-    first : int
-        Index of the first data line.
-    separator, decimal : str
-        Between cells; the decimal sign.
-    columns : int
-        Number of named columns; 0 where the header names none.
-    places : tuple of int
-        Columns of x, y, u, v.
-    promised : tuple of int
-        Nodes across and up; empty where the header does not state them.
-    good : callable
-        Table (n, columns) to the measured vectors (n,).
-    noise : int or None
-        Column of the uncertainty.
+    """The content of a text's header: name and unit of each column, the index of the first data
+    line, the nodes across and up (empty where not stated), and what else it states of units.
     """
 
     first: int
-    separator: str = BLANKS
-    decimal: str = "."
-    columns: int = 0
-    places: tuple[int, ...] = (0, 1, 2, 3)
+    columns: tuple[tuple[str, str | None], ...]
     promised: tuple[int, ...] = ()
-    good: Callable[[FloatArray], BoolArray] = lambda table: np.ones(len(table), dtype=bool)
-    noise: int | None = None
     stated: Setting = field(default_factory=Setting)
 
 
@@ -139,37 +119,83 @@ def _refusal(where: object, what: str, remedy: str = "export it again") -> Input
 
 
 def _read_text(path: Path, header_of: Callable[[list[str], str], Header]) -> Raw:
-    """The one field of a text file."""
+    """The one field of a text file, its columns found by the header's names and units."""
     lines = _text_of(path).split("\n")
     header = header_of(lines, str(path))
-    rows = [line.strip() for line in lines[header.first :]]
-    first = next((row for row in rows if row), None)
-    if first is None:
-        raise _refusal(path, "holds a header and no vectors")
-    cells = first.split(None if header.separator == BLANKS else header.separator)
-    trailing = len(cells) > 1 and not cells[-1].strip()
-    names = tuple(f"column {i + 1}" for i in range(len(cells) - trailing))
-    layout = Layout(
-        separator=header.separator, decimal=header.decimal, names=names, trailing=trailing
+    names = [name.strip().lower() for name, _ in header.columns]
+    table = _table(path, lines, header)
+    places = {letter: _place(header, letter, str(path)) for letter in "xyuv"}
+    good = np.ones(len(table), dtype=bool)
+    for name, measured in MEASURED.items():
+        if name in names:
+            good &= table[:, names.index(name)] == measured
+    if "s2n" in names:
+        good &= np.isfinite(table[:, names.index("s2n")])
+    noise = [
+        i
+        for i, (name, unit) in enumerate(header.columns)
+        if name.startswith("uncertainty") and "/" in (unit or "")
+    ]
+    said, (length, velocity) = header.stated, (header.columns[places[k]][1] for k in "xu")
+    return Raw(
+        *(table[:, places[letter]] for letter in "xyuv"),
+        good=good,
+        stated=replace(
+            said,
+            length_unit=said.length_unit or length,
+            velocity_unit=said.velocity_unit or velocity,
+        ),
+        noise=np.abs(table[:, noise[0]]) if noise else None,
     )
-    body = Lines(body="\n".join([*rows, ""]).encode(), where=str(path), line=header.first + 1)
-    table = np.stack(parse(body, layout, range(len(names)))[0], axis=1)
-    wide, high = header.promised or (len(table), 1)
-    if header.columns and len(names) != header.columns:
-        what = f"has {len(names)} columns where the header names {header.columns}"
+
+
+def _table(path: Path, lines: Sequence[str], header: Header) -> FloatArray:
+    """The numbers below a header, a row for each vector; refuses other rows than promised."""
+    rows = [line.strip() for line in lines[header.first :]]
+    data = next((row for row in rows if row), None)
+    if data is None:
+        raise _refusal(path, "holds a header and no vectors")
+    # a comma is the decimal sign where another one separates
+    separator = next((sign for sign in "\t;," if sign in data), BLANKS)
+    body = "\n".join([*rows, ""])
+    comma = separator in "\t;" and "," in body and "." not in body
+    cells = data.split(None if separator == BLANKS else separator)
+    trailing = len(cells) > 1 and not cells[-1].strip()
+    count = len(cells) - trailing
+    layout = Layout(
+        separator=separator,
+        decimal="," if comma else ".",
+        names=tuple(f"column {i + 1}" for i in range(count)),
+        trailing=trailing,
+    )
+    whole = Lines(body=body.encode(), where=str(path), line=header.first + 1)
+    table = np.stack(parse(whole, layout, range(count))[0], axis=1)
+    if count != len(header.columns):
+        what = f"has {count} columns where the header names {len(header.columns)}"
         raise _refusal(f"{path}, line {header.first + 1}", what)
-    if len(names) < 4 or len(table) != wide * high:
+    wide, high = header.promised or (len(table), 1)
+    if len(table) != wide * high:
         raise _refusal(
             path,
-            f"has {len(table)} rows of {len(names)}, its header promises {wide} x {high} vectors",
+            f"has {len(table)} rows of {count}, its header promises {wide} x {high} vectors",
             "it was cut off: export it again",
         )
-    return Raw(
-        *table[:, header.places].T,
-        good=header.good(table),
-        stated=header.stated,
-        noise=None if header.noise is None else np.abs(table[:, header.noise]),
-    )
+    return table
+
+
+def _place(header: Header, letter: str, where: str) -> int:
+    """Place of a coordinate or component: in metres rather than in pixels, with a unit first."""
+    fitting = []
+    for i, (name, unit) in enumerate(header.columns):
+        # Dantec's U pix[pix] names the unit twice
+        if (name.strip().lower().split() or [""])[0] == letter:
+            pixels = (unit or "").lower().split("/")[0] in PIXEL
+            fitting.append((unit is None, pixels, i))
+    if not fitting:
+        named = ", ".join(name for name, _ in header.columns)
+        what = f"names no column {letter.upper()} among {named}"
+        raise _refusal(where, what, "export positions and components with units")
+    return min(fitting)[-1]
 
 
 def _text_of(path: Path) -> str:
@@ -192,43 +218,35 @@ def _text_of(path: Path) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def openpiv(lines: list[str], where: str) -> Header:
-    """OpenPIV: ``# x y u v flags mask``, or five columns without a header.
+def _named(cells: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
+    """Name and unit of headings such as ``X (mm)[mm]``."""
+    matches = [_BRACKETS.fullmatch(cell) for cell in cells]
+    return tuple(
+        (match[1].strip(), match[2]) if match else (cell.strip().strip('"'), None)
+        for cell, match in zip(cells, matches, strict=True)
+    )
 
-    flags 0 is a measured vector, mask 1 a masked one; the fifth column of the old form is the
+
+def openpiv(lines: list[str], where: str) -> Header:
+    """OpenPIV: ``# x y u v flags mask``, or five columns without a header, of which the last is the
     signal-to-noise ratio. The files state no unit.
     """
-    at = f"{where}, line 1"
     if lines[0].startswith("#"):
-        names = lines[0].lstrip("# ").split()
-        if tuple(names[:4]) != OPENPIV_NAMES[:4]:
-            what = f"names {names}, not {' '.join(OPENPIV_NAMES)}"
-            raise _refusal(at, what, "export it with OpenPIV's own save")
-        flags = [names.index(name) for name in ("flags", "mask") if name in names]
-        return Header(
-            first=1, columns=len(names), good=lambda table: (table[:, flags] == 0).all(axis=1)
+        return Header(first=1, columns=tuple((n, None) for n in lines[0].lstrip("# ").split()))
+    last = {row.split()[-1] for row in lines if row.strip()}
+    if last <= {"0", "1", "2"}:
+        raise _refusal(
+            where,
+            "has a fifth column of flags, and no header says whether 0 or 1 is a good vector",
+            'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is good)',
         )
-
-    def has_ratio(table: FloatArray) -> BoolArray:
-        if table.shape[1] != 5:
-            what = f"has {table.shape[1]} columns and no header"
-            raise _refusal(at, what, "the old form has 5: x y u v s2n")
-        if np.isin(table[:, 4], (0, 1, 2)).all():
-            raise _refusal(
-                where,
-                "has a fifth column of flags, and no header says whether 0 or 1 is a good vector",
-                'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is'
-                " good)",
-            )
-        return np.isfinite(table[:, 4])
-
-    return Header(first=0, good=has_ratio)
+    return Header(first=0, columns=tuple((name, None) for name in ("x", "y", "u", "v", "s2n")))
 
 
 def _is_openpiv(head: bytes) -> bool:
     first = head.split(b"\n")[0].decode("latin-1")
     if first.startswith("#"):
-        return tuple(first.lstrip("# ").split()[:4]) == OPENPIV_NAMES[:4]
+        return first.lstrip("# ").split()[:4] == ["x", "y", "u", "v"]
     try:
         return len([float(cell) for cell in first.split()]) == 5
     except ValueError:
@@ -238,103 +256,76 @@ def _is_openpiv(head: bytes) -> bool:
 def insight(lines: list[str], where: str) -> Header:
     """TSI Insight: one Tecplot line, then comma rows x, y, u, v, CHC.
 
-    CHC 1 is a measured vector, 2 an interpolated one, all else void. The header states um per pixel
-    and us between images.
+    The header states um per pixel and us between images.
     """
-    at = f"{where}, line 1"
     listed = re.search(r"VARIABLES=((?:\s*\"[^\"]*\",?)+)", lines[0])
-    names = re.findall(r'"([^"]*)"', listed[1]) if listed else []
-    columns = [name.split()[0].upper() for name in names if name.split()]
-    if columns[:4] != ["X", "Y", "U", "V"] or "CHC" not in columns:
-        what = f"lists the variables {names}, not X, Y, U, V, CHC"
-        raise _refusal(at, what, "export a two-component field")
+    names = [n.partition(" ") for n in re.findall(r'"([^"]*)"', listed[1])] if listed else []
 
     def stated(key: str) -> float | None:
         """A positive number of the header, in 1e-6 of its unit."""
         text, end, _ = lines[0].partition(f'{key}="')[2].partition('"')
         if end and not units.NUMBER.fullmatch(text):
-            raise _refusal(at, f"has {key} {text!r}, which is no number")
+            raise _refusal(f"{where}, line 1", f"has {key} {text!r}, which is no number")
         return 1e-6 * float(text) if end and float(text) > 0 else None
 
-    code = columns.index("CHC")
     return Header(
         first=1,
-        separator=",",
-        columns=len(columns),
-        good=lambda table: table[:, code] == 1,
+        columns=tuple((name, unit or None) for name, _, unit in names),
         stated=Setting(
-            length_unit=names[0].partition(" ")[2] or None,
-            velocity_unit=names[2].partition(" ")[2] or None,
-            scale_m=stated("MicrometersPerPixelX"),
-            frame_time_s=stated("MicrosecondsPerDeltaT"),
+            scale_m=stated("MicrometersPerPixelX"), frame_time_s=stated("MicrosecondsPerDeltaT")
         ),
     )
 
 
 def davis(lines: list[str], where: str) -> Header:
     """LaVision DaVis: ``#DaVis 8.1.6 2D-vector 32 64 64 "position" "mm" ...``, then tab rows x, y,
-    u, v. Decimals may be commas. A missing vector is written ``0 -0``.
+    u, v. A missing vector is written ``0 -0``.
     """
     quantities = re.findall(r'"([^"]*)"\s+"([^"]*)"', lines[0])
     size = re.search(r"2D-vector\s+\d+\s+(\d{1,9})\s+(\d{1,9})\b", lines[0])
     if size is None or len(quantities) < 3:
         what = "is not the header of a two-component vector field"
         raise _refusal(f"{where}, line 1", what, "export 2D vectors as text")
-    comma = any("," in line for line in lines[1:])
-    if comma and any("." in line for line in lines[1:]):
-        raise _refusal(where, "mixes decimal commas and points", "export it with one of the two")
     quantity, unit = quantities[2]
     velocity = f"{unit}/frame" if quantity.lower() == "displacement" else unit
+    length = quantities[0][1]
     return Header(
         first=1,
-        separator="\t",
-        decimal="," if comma else ".",
+        columns=(("x", length), ("y", length), ("u", velocity), ("v", velocity)),
         promised=(int(size[1]), int(size[2])),
-        stated=Setting(length_unit=quantities[0][1], velocity_unit=velocity),
     )
 
 
 def pivlab(lines: list[str], where: str) -> Header:
     """PIVlab's ASCII chart: up to three header lines, then x, y, u, v, vector type and more.
 
-    Vector type 1 is measured, 0 masked, 2 interpolated. Conversion factors win over the units of
-    the third line: PIVlab writes m/s above displacements in metres, and then both factors are
-    equal.
+    Conversion factors win over the units of the third line: PIVlab writes m/s above displacements
+    in metres, and then both factors are equal.
     """
     header = [line for line in lines[:3] if re.match(r"\s*(PIVlab|FRAME:|x\s*\[)", line)]
-    scale = next((i for i, line in enumerate(header) if "conversion factor" in line), None)
-    factors = None if scale is None else _pivlab_factors(header[scale])
-    if scale is not None and factors is None:
-        what = "has conversion factors that are no numbers"
-        raise _refusal(f"{where}, line {scale + 1}", what)
     named = next((line for line in header if re.match(r"\s*x\s*\[", line)), "")
-    names = [(name.strip().lower(), unit) for name, unit in PIVLAB_NAME.findall(named)]
-    data = next((line for line in lines[len(header) :] if line.strip()), "")
-    length, velocity = (names[0][1], names[2][1]) if len(names) >= 4 else (None, None)
-    if factors == (1, 1):
-        length, velocity = "px", "px/frame"
-    elif factors is not None:
-        length = length or "m"
-        velocity = "m/frame" if factors[0] == factors[1] else velocity or "m/s"
-
-    def measured(table: FloatArray) -> BoolArray:
-        if table.shape[1] < 5 or (names and len(names) != table.shape[1]):
-            raise _refusal(
-                f"{where}, line {len(header) + 1}",
-                f"has {table.shape[1]} columns, not x, y, u, v, vector type and what follows",
+    columns = _named(re.split(r"[,;\t]", named)) if named else ()
+    if not columns:
+        data = next((line for line in lines[len(header) :] if line.strip()), "")
+        more = len(re.split(r"[,\t]| +", data.strip())) - 5
+        columns = tuple((n, None) for n in ("x", "y", "u", "v", "vector type", *[""] * more))
+    stated = Setting()
+    for i, line in enumerate(header):
+        if "conversion factor" not in line:
+            continue
+        factors = _pivlab_factors(line)
+        if factors is None:
+            what = "has conversion factors that are no numbers"
+            raise _refusal(f"{where}, line {i + 1}", what)
+        if factors == (1, 1):
+            stated = Setting(length_unit="px", velocity_unit="px/frame")
+        else:
+            velocity = columns[2][1] or "m/s"
+            stated = Setting(
+                length_unit=columns[0][1] or "m",
+                velocity_unit="m/frame" if factors[0] == factors[1] else velocity,
             )
-        return np.asarray(table[:, 4] == MEASURED)
-
-    uncertainties = (
-        i for i, (name, unit) in enumerate(names) if name.startswith("uncertainty") and "/" in unit
-    )
-    return Header(
-        first=len(header),
-        separator="," if "," in data else "\t" if "\t" in data else BLANKS,
-        good=measured,
-        noise=next(uncertainties, None),
-        stated=Setting(length_unit=length, velocity_unit=velocity),
-    )
+    return Header(first=len(header), columns=columns, stated=stated)
 
 
 def _pivlab_factors(line: str) -> tuple[float, float] | None:
@@ -353,57 +344,27 @@ def _is_pivlab(head: bytes) -> bool:
 def dantec(lines: list[str], where: str) -> Header:
     """Dantec DynamicStudio, CSV or TAB: ``>>*HEADER*<<``, ``>>*DATA*<<``, a line of names, rows.
 
-    Columns are found by name and unit: their order differs between two and three components. Status
-    0 is a measured vector. Written after descriptions of the format, without an export of the
-    software.
+    Written after descriptions of the format, without an export of the software.
     """
     marks = [i for i, line in enumerate(lines) if line.strip().strip(";,").startswith(DANTEC_DATA)]
     if len(marks) != 1 or marks[0] + 2 >= len(lines):
         what = f"has {len(marks)} lines {DANTEC_DATA} with rows after them"
         raise _refusal(where, what, "export one field per file")
     at = marks[0] + 1
-    header = "\n".join(lines[: at - 1])
-    tabs = "DSExport.TAB" in header or "\t" in lines[at]
-    separator = "\t" if tabs else ";" if ";" in lines[at] else ","
-    names = [
-        name.strip().strip('"') for name in lines[at].strip().strip(separator).split(separator)
-    ]
+    separator = next((sign for sign in "\t;," if sign in lines[at]), ",")
+    columns = _named(lines[at].strip().strip(separator).split(separator))
+    # a displacement in pixels or metres is one between the images of a pair
+    columns = tuple(
+        (name, unit if unit is None or "/" in unit or name[:1] not in "UVuv" else f"{unit}/frame")
+        for name, unit in columns
+    )
     size = re.search(
         r"GridSize\s*+[:;]\s*+\{?\s*+Width\s*+=\s*+(\d{1,9})\s*+,\s*+Height\s*+=\s*+(\d{1,9})\b",
-        header,
+        "\n".join(lines[: at - 1]),
     )
-    columns = [_dantec_column(names, letter, where) for letter in "xyuv"]
-    length, velocity = columns[0][1], columns[2][1]
-    flags = [i for i, name in enumerate(names) if name.lower().startswith("status")][:1]
-    comma = separator != "," and bool(re.search(r"\d,\d", lines[at + 1]))
     return Header(
-        first=at + 1,
-        separator=separator,
-        decimal="," if comma else ".",
-        columns=len(names),
-        places=tuple(place for place, _ in columns),
-        promised=(int(size[1]), int(size[2])) if size else (),
-        good=lambda table: (table[:, flags] == 0).all(axis=1),
-        stated=Setting(
-            length_unit=length, velocity_unit=velocity if "/" in velocity else f"{velocity}/frame"
-        ),
+        first=at + 1, columns=columns, promised=(int(size[1]), int(size[2])) if size else ()
     )
-
-
-def _dantec_column(names: list[str], letter: str, where: str) -> tuple[int, str]:
-    """Position and unit of ``X (mm)[mm]`` and the like: in metres rather than in pixels."""
-    fitting = []
-    for i, name in enumerate(names):
-        match = re.fullmatch(
-            r"\s*+([A-Za-z])\s*+(?:\([^)]*+\)\s*+|(?<=\s)\w++\s*+)?\[([^\]]++)\]\s*+", name
-        )
-        if match and match[1].lower() == letter:
-            fitting.append((match[2].lower().split("/")[0] in PIXEL, i, match[2]))
-    if not fitting:
-        what = f"names no column {letter.upper()} with a unit among {', '.join(names)}"
-        raise _refusal(where, what, "export positions and components with units")
-    _, i, unit = min(fitting)
-    return i, unit
 
 
 # ---- binary files, in the guarded process
@@ -444,7 +405,7 @@ def pivlab_fields(path: Path) -> Iterator[Raw]:
         x, y = (variables[name][min(i, len(variables[name]) - 1)] for name in "xy")
         yield Raw(
             *(np.asarray(a, dtype=float).ravel() for a in (x, y, u, v[i])),
-            good=np.asarray(flags[i]).ravel() == MEASURED,
+            good=np.asarray(flags[i]).ravel() == MEASURED["vector type"],
             stated=stated,
         )
 
@@ -585,7 +546,7 @@ DIALECTS = (
     GridDialect(
         name="dantec",
         title="Dantec DynamicStudio export, CSV or TAB",
-        recognises=lambda head: head.lstrip().startswith(DANTEC_HEADER.encode()),
+        recognises=lambda head: head.lstrip().startswith(b">>*HEADER*<<"),
         header=dantec,
     ),
     GridDialect(
