@@ -38,8 +38,6 @@ DANTEC_DATA = ">>*DATA*<<"
 #: Columns that mark measured vectors, with the value that means measured. Insight, OpenPIV's two,
 #: PIVlab, Dantec.
 MEASURED = {"chc": 1, "flags": 0, "mask": 0, "vector type": 1, "status": 0}
-#: ``X (mm)[mm]``, ``u [m/s]``: name, and the unit in the last brackets.
-_BRACKETS = re.compile(r"\s*+([^\[\]()]*+)(?:\([^)]*+\)\s*+)?\[([^\[\]]*+)\]\s*+")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,12 +217,14 @@ def _text_of(path: Path) -> str:
 
 
 def _named(cells: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
-    """Name and unit of headings such as ``X (mm)[mm]``."""
-    matches = [_BRACKETS.fullmatch(cell) for cell in cells]
-    return tuple(
-        (match[1].strip(), match[2]) if match else (cell.strip().strip('"'), None)
-        for cell, match in zip(cells, matches, strict=True)
-    )
+    """Name and unit of headings such as ``u [m/s]`` and ``X (mm)[mm]``."""
+    named: list[tuple[str, str | None]] = []
+    for cell in cells:
+        plain = cell.strip().strip('"')
+        name, bracket, unit = plain.rpartition("[")
+        stated = bracket and unit.endswith("]")
+        named.append((name.partition("(")[0].strip(), unit[:-1]) if stated else (plain, None))
+    return tuple(named)
 
 
 def openpiv(lines: list[str], where: str) -> Header:
