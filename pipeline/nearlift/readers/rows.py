@@ -43,7 +43,7 @@ MISSING = Row(reduced=Reduced(codes=("MISSING",)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class RecordAnswer:
     """A worker's answer for one record: a row, or one for each piece that it was cut into.
 
     `refusal` is there where it cannot be read in the way that the manifest asks for.
@@ -70,7 +70,7 @@ class Task:
 
 # damaged numbers may be anything
 @np.errstate(over="ignore", invalid="ignore")
-def reduce_piece(task: Task) -> list[Answer]:
+def reduce_piece(task: Task) -> list[RecordAnswer]:
     """Read and reduce the records of one piece; runs in any thread or process.
 
     Whatever a record holds, its trial has a row: what is raised over one makes it MALFORMED, and
@@ -84,7 +84,7 @@ def reduce_piece(task: Task) -> list[Answer]:
         The machine is at fault.
     """
     root, piece, digests = task.root, task.piece, dict(task.inputs)
-    answers: list[Answer] = []
+    answers: list[RecordAnswer] = []
     try:
         for record in _records(task):
             try:
@@ -107,7 +107,7 @@ def _records(task: Task) -> Iterator[Record]:
     return segments.cutting(reader).read_piece(campaign, task.root, task.piece, whole=True)
 
 
-def _answer(task: Task, record: Record, digests: dict[str, str]) -> Answer:
+def _answer(task: Task, record: Record, digests: dict[str, str]) -> RecordAnswer:
     """The reduced record; `digests` grows by that of its file."""
     campaign = task.campaign
     sha = digest_of(task.root, record.source, digests)
@@ -140,7 +140,9 @@ def _answer(task: Task, record: Record, digests: dict[str, str]) -> Answer:
             samples=len(record.force_N),
             fault=record.fault,
         )
-        return Answer(record=record.trial, rows=(row,), notes=record.notes, refusal=record.refusal)
+        return RecordAnswer(
+            record=record.trial, rows=(row,), notes=record.notes, refusal=record.refusal
+        )
     whole = segments.cut(campaign, task.root, record)
     rows: list[Row] = []
     for piece in whole.pieces:
@@ -172,7 +174,7 @@ def _answer(task: Task, record: Record, digests: dict[str, str]) -> Answer:
         between=whole.cuts.between,
         rest=whole.at_rest,
     )
-    return Answer(
+    return RecordAnswer(
         record=record.trial,
         rows=tuple(rows) or (Row(reduced=none, source_sha256=sha, source=record.source),),
         pieces=tuple(piece.without_samples for piece in whole.pieces),
@@ -201,7 +203,7 @@ def columns_of(rows: Sequence[Row], further: tuple[str, ...] = ()) -> dict[str, 
     return columns
 
 
-def remarks(answers: Sequence[Answer]) -> list[str]:
+def remarks(answers: Sequence[RecordAnswer]) -> list[str]:
     """The records' remarks, each once, with the number of records that it is about."""
     places: dict[str, list[str]] = {}
     for answer in answers:

@@ -25,7 +25,7 @@ from nearlift.readers.files import MARK, Piece, per_trial, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.rows import (
     MISSING,
-    Answer,
+    RecordAnswer,
     Row,
     Task,
     columns_of,
@@ -235,7 +235,7 @@ def _from_records(
             f"none of the {len(ids)} {noun} has a record",
             f"the first would be that of {ids[0]!r}; check [records] files",
         )
-    answers: dict[str, Answer] = {}
+    answers: dict[str, RecordAnswer] = {}
     refusals: list[InputRefused] = []
     for done in recorded.spread(reduce_piece, _tasks(recorded, pieces, schedule)):
         answers |= {answer.record: answer for answer in done}
@@ -252,7 +252,7 @@ def _from_records(
     return schedule, rows, [*notes, *remarks(in_order)]
 
 
-def _remarks_on_cuts(answers: Sequence[Answer]) -> list[str]:
+def _remarks_on_cuts(answers: Sequence[RecordAnswer]) -> list[str]:
     """Shares of samples that were kept and left out, in one line."""
     total: Counter[str] = sum((a.counts for a in answers), Counter())
     if not total["pieces"]:
