@@ -91,16 +91,14 @@ FLIGHTS = "simulation-flights"
 
 
 def plans() -> list[Any]:
-    """The paper's flights at each boundary: how, curves and settings."""
+    """The paper's flights at each boundary: how, curves and set-points."""
     from nearlift.flight import paper
-    from nearlift.flight.monte_carlo import settings_of
 
-    preset = paper.preset("paper")
     return [
         (
-            preset.monte_carlo(boundary, 2, 1),
+            paper.AS_PRINTED.simulation(boundary, 2, 1),
             paper.scaled_curves(boundary),
-            settings_of(paper.TARGETS[boundary], range(len(paper.EXPONENTS))),
+            paper.TARGETS[boundary],
         )
         for boundary in paper.MODELS
     ]
@@ -125,10 +123,11 @@ def nearlift(data: Path) -> dict[str, Any]:
     steps = crashes = 0
     wall = cpu = 0.0
     flights = int((data / FLIGHTS).read_text())
-    for how, curves, settings in plans():
-        how.ended(curves, settings)
+    for how, curves, targets in plans():
+        rows = np.arange(len(curves.values))[:, None]
+        how.ended(curves, targets, rows)
         begun = time.perf_counter(), time.process_time()
-        ended = replace(how, flights=flights).ended(curves, settings)
+        ended = replace(how, flights=flights).ended(curves, targets, rows)
         wall, cpu = wall + time.perf_counter() - begun[0], cpu + time.process_time() - begun[1]
         steps += int(np.where(ended < 0, how.holds, ended + 1).sum())
         crashes += int((ended >= 0).sum())

@@ -11,7 +11,7 @@ from scipy import stats
 from nearlift import catalogue
 from nearlift.errors import InputRefused
 from nearlift.flight import detection
-from nearlift.flight.detection import Sensor, needed
+from nearlift.flight.detection import Sensor, change_needed
 
 CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 
@@ -127,7 +127,7 @@ def test_alarms_and_misses_happen_as_often_as_asked():
     rng = np.random.default_rng(2)
     sigma = Sensor(short_per_sqrt_Hz=0.01, floor=0.003).sigma(4.0, payload=0.002)
     assert sigma == pytest.approx(math.sqrt(0.005**2 + 0.003**2 + 0.002**2))
-    change = needed(sigma, 0.01, 0.1)
+    change = change_needed(sigma, 0.01, 0.1)
     threshold = sigma * stats.norm.isf(0.01)
     noise = sigma * rng.standard_normal(40_000)
     assert (noise > threshold).mean() == pytest.approx(0.01, abs=0.002)
@@ -145,12 +145,14 @@ def test_range_is_where_the_model_gives_that_change():
 def test_averaging_widens_the_range_until_the_payload_stops_it():
     sensor = Sensor(short_per_sqrt_Hz=0.01, floor=0.0)
     ranges = [
-        detection.reach(ground(), needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0)
+        detection.reach(ground(), change_needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0)
         for t in (0.1, 1.0, 10.0)
     ]
     assert ranges == sorted(ranges)
     known, unknown = (
-        detection.reach(ground(), needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0)
+        detection.reach(
+            ground(), change_needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0
+        )
         for p in (0.0, 0.05)
     )
     assert math.isnan(unknown) or unknown < 0.5 * known

@@ -6,5 +6,3 @@ from nearlift.declare import FloatArray
 
 #: L / L_inf as a function of z_hat, of its shape.
 Ratio = Callable[[FloatArray], FloatArray]
-#: Nodes of every table of L / L_inf that simulated flights interpolate in.
-NODES = 2049

@@ -1,22 +1,36 @@
-"""Crash rates with intervals, and the lowest set-point (level) for a given risk."""
+"""Crash rates over set-points with intervals, their test of the time step, and the lowest
+set-point (level) for a given risk.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import FloatArray, IntArray
 from nearlift.errors import UsageError
-from nearlift.results import IntArray
+from nearlift.flight import energy
+from nearlift.flight.simulation import Curves, Simulation
+from nearlift.randomness import generator
 from nearlift.results.document import IfAny, Real
 
+Rows = list[dict[str, object]]
 #: Bootstrap resamples of the flights for the interval of a level.
 RESAMPLES = 400
+#: Least number of crashes that must be expected at a risk.
+LEAST_CRASHES = 3
 #: Gap between set-points, in rotor radii, that needs no refinement.
 FINEST = 0.005
+#: Largest number of passes, of which all but the first add set-points between those flown.
+ROUNDS = 8
+#: Share of the flights, and least number of them, that are flown again with half the step.
+CHECKED, LEAST_CHECKED = 0.25, 50
+#: Set-points beyond the last with a crash at which the step is tested too.
+BEYOND = 2
 
 
 def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]:
@@ -27,6 +41,39 @@ def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]
     low = np.where(k == 0, 0.0, betaincinv(k + 0.5, flights - k + 0.5, 0.05))
     high = np.where(k == flights, 1.0, betaincinv(k + 0.5, flights - k + 0.5, 0.95))
     return low, high
+
+
+def refuse_few(risk: float, flights: int) -> None:
+    """Refuse a risk too small for the number of flights.
+
+    Raises
+    ------
+    UsageError
+        Fewer than three crashes are expected at that risk; says how many flights would do.
+    """
+    if risk * flights < LEAST_CRASHES:
+        raise UsageError(
+            "risk",
+            f"{risk:g} cannot be seen in {flights} flights",
+            f"fly at least {math.ceil(LEAST_CRASHES / risk)}",
+        )
+
+
+# ---- levels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CrashLevel:
+    """Lowest set-point at a risk, with its 90 % bootstrap interval over the flights; an upper bound
+    where it is `lowest_flown`. `exponent` is the power of the paper's model, where it is of that.
+    """
+
+    exponent: IfAny[float] = None
+    risk: Real
+    value: Real
+    lo90: Real
+    hi90: Real
+    lowest_flown: Real
 
 
 def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> FloatArray:
@@ -51,22 +98,6 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
     return np.where(last < 0, target_z_hat[0], between)
 
 
-def refuse_few(risk: float, flights: int) -> None:
-    """Refuse a risk too small for the number of flights.
-
-    Raises
-    ------
-    UsageError
-        Fewer than three crashes are expected at that risk; says how many flights would do.
-    """
-    if risk * flights < 3:
-        raise UsageError(
-            "risk",
-            f"{risk:g} cannot be seen in {flights} flights",
-            f"fly at least {int(np.ceil(3 / risk))}",
-        )
-
-
 def resamples(flights: int, rng: np.random.Generator) -> FloatArray:
     """Bootstrap weights of the flights (RESAMPLES, flights), the first row as flown."""
     drawn = rng.multinomial(flights, np.full(flights, 1 / flights), size=RESAMPLES - 1)
@@ -79,8 +110,14 @@ def levels(
     """Levels under the bootstrap weights of `resamples`, (RESAMPLES,), the first as flown; each
     weight is common to all set-points, as the gusts are.
     """
-    least = 0.5 / crashed.shape[1]
-    return level(target_z_hat, weights @ crashed.T, risk, least)
+    return level(target_z_hat, weights @ crashed.T, risk, 0.5 / crashed.shape[1])
+
+
+def spread90(values: FloatArray) -> tuple[float, float]:
+    """5 % and 95 % points; nan (no set-point was safe enough) ranks above every level."""
+    n, ordered = len(values), np.sort(values)
+    low, high = (float(ordered[min(int(q * n), n - 1)]) for q in (0.05, 0.95))
+    return low, high
 
 
 def wide_gaps(target_z_hat: FloatArray, resampled: FloatArray) -> set[float]:
@@ -90,8 +127,7 @@ def wide_gaps(target_z_hat: FloatArray, resampled: FloatArray) -> set[float]:
     level and the ends of its interval lie in narrow gaps; a gap of FINEST is always narrow.
     """
     low, high = spread90(resampled)
-    width = high - low
-    allowed = max(FINEST, 0.5 * width) if np.isfinite(width) else FINEST
+    allowed = max(FINEST, 0.5 * (high - low)) if np.isfinite(high - low) else FINEST
     middles = set()
     for at in (low, high, resampled[0]):
         if np.isfinite(at) and at > target_z_hat[0]:
@@ -102,22 +138,144 @@ def wide_gaps(target_z_hat: FloatArray, resampled: FloatArray) -> set[float]:
     return middles
 
 
-def spread90(values: FloatArray) -> tuple[float, float]:
-    """5 % and 95 % points; nan (no set-point was safe enough) ranks above every level."""
-    n, ordered = len(values), np.sort(values)
-    low, high = (float(ordered[min(int(q * n), n - 1)]) for q in (0.05, 0.95))
-    return low, high
+# ---- time step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CrashLevel:
-    """Lowest set-point at a risk, with its 90 % bootstrap interval over the flights; an upper bound
-    where it is `lowest_flown`. `exponent` is the power of the paper's model, where it is of that.
+class StepTest:
+    """Change of crash rates on halving the time step: the largest, and its set-point.
+
+    `beyond` is the number of settings whose two crash rates lie outside each other's binomial 90 %
+    intervals. A step has converged if it is 0.
     """
 
-    exponent: IfAny[float] = None
-    risk: Real
-    value: Real
-    lo90: Real
-    hi90: Real
-    lowest_flown: Real
+    converged: bool
+    worst: Real
+    worst_target_z_hat: Real
+    beyond: int
+    settings: int
+    flights: int
+    step_s: Real
+    halved_s: Real
+
+    @property
+    def warning(self) -> str:
+        """Message for a step that is too long."""
+        return (
+            f"a step of {self.step_s:g} s is too long: halving it changes the crash rate by"
+            f" {self.worst:.2f} at z_hat {self.worst_target_z_hat:g} ({self.beyond} of"
+            f" {self.settings} settings leave their interval)"
+        )
+
+
+def halved_step(
+    how: Simulation,
+    curves: Curves,
+    target_z_hat: FloatArray,
+    curve: IntArray,
+    droop: float,
+    crashed: NDArray[np.bool_],
+) -> StepTest:
+    """Step test of settings (n,) on a share of the flights; `crashed` (n, flights) as flown."""
+    flights = min(max(round(CHECKED * how.flights), LEAST_CHECKED), how.flights)
+    halved = replace(how, flights=flights, steps_per_hold=2 * how.steps_per_hold)
+    fine = (halved.ended(curves, target_z_hat, curve, droop) >= 0).sum(axis=1)
+    both = np.stack([crashed[:, :flights].sum(axis=1), fine])
+    low, high = binomial90(both[::-1], flights)
+    # each rate outside the other's interval: one flight among few makes no difference
+    outside = ((both / flights < low) | (both / flights > high)).all(axis=0)
+    change = np.abs(both[1] - both[0]) / flights
+    worst = int(change.argmax())
+    return StepTest(
+        converged=not bool(outside.any()),
+        worst=float(change[worst]),
+        worst_target_z_hat=float(target_z_hat[worst]),
+        beyond=int(outside.sum()),
+        settings=len(curve),
+        flights=flights,
+        step_s=how.step_s,
+        halved_s=how.step_s / 2,
+    )
+
+
+def combined(parts: Sequence[StepTest]) -> StepTest:
+    """Several tests as one, with step and worst change of the one that changed most."""
+    return replace(
+        max(parts, key=lambda c: c.worst),
+        converged=all(c.converged for c in parts),
+        beyond=sum(c.beyond for c in parts),
+        settings=sum(c.settings for c in parts),
+    )
+
+
+# ---- sweeps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """Crashes (curves, t, flights) of every curve at every set-point (t,), and L / L_inf (curves,
+    t) there.
+    """
+
+    target_z_hat: FloatArray
+    crashed: NDArray[np.bool_]
+    ratio: FloatArray
+
+    def rows(
+        self, curve: int, held: energy.Held, labels: Mapping[str, object]
+    ) -> Iterator[dict[str, object]]:
+        """Rows of crash_rates.parquet of one curve; `labels` are its identifying columns."""
+        flights = int(self.crashed.shape[2])
+        crashes, ratio = self.crashed[curve].sum(axis=1), self.ratio[curve]
+        low, high = binomial90(crashes, flights)
+        cheapest, cost, dearest = energy.cost(ratio, held)
+        columns = {
+            "target_z_hat": self.target_z_hat,
+            "crashes": crashes,
+            "rate": crashes / flights,
+            "lo90": low,
+            "hi90": high,
+            "ratio": ratio,
+            "cost_paper": energy.paper_cost(ratio),
+            "cost": cost,
+            "cost_lo": cheapest,
+            "cost_hi": dearest,
+        }
+        for values in zip(*(column.tolist() for column in columns.values()), strict=True):
+            yield {**labels, "flights": flights, **dict(zip(columns, values, strict=True))}
+
+
+def sweep(
+    how: Simulation,
+    curves: Curves,
+    target_z_hat: FloatArray,
+    risks: Sequence[float] = (),
+    droop: float = 0.0,
+) -> tuple[Sweep, StepTest]:
+    """Sweep of every curve over set-points, refined until the levels at `risks` are resolved, and
+    its step test. `droop` is the relative change of lift by the end of a flight.
+    """
+    n = len(curves.values)
+    weights = resamples(how.flights, generator(how.key % 2**32, "refine"))
+    z_hat, new = np.empty(0), np.asarray(target_z_hat, dtype=float)
+    crashed = np.empty((n, 0, how.flights), dtype=bool)
+    for _ in range(ROUNDS):
+        more = how.ended(curves, new, np.arange(n)[:, None], droop) >= 0
+        z_hat = np.append(z_hat, new)
+        order = np.argsort(z_hat)
+        z_hat, crashed = z_hat[order], np.concatenate([crashed, more], axis=1)[:, order]
+        wanted = set[float]().union(
+            *(wide_gaps(z_hat, levels(z_hat, c, r, weights)) for r in risks for c in crashed)
+        )
+        new = np.array(sorted(wanted - set(z_hat.tolist())))
+        if not len(new):
+            break
+    # the step is tested at the set-points asked for: those added lie where flights graze
+    asked = np.flatnonzero(np.isin(z_hat, target_z_hat))
+    tested = np.zeros((n, len(z_hat)), dtype=bool)
+    for c in range(n):
+        hit = np.flatnonzero(crashed[c, asked].any(axis=1))
+        tested[c, asked[: (int(hit[-1]) + 1 if len(hit) else 0) + BEYOND]] = True
+    curve, at = np.nonzero(tested)
+    step_test = halved_step(how, curves, z_hat[at], curve, droop, crashed[tested])
+    return Sweep(target_z_hat=z_hat, crashed=crashed, ratio=curves.at(z_hat)), step_test

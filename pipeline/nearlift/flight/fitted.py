@@ -8,6 +8,7 @@ its value at the station. A set-point is advised where both agree.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,36 +18,27 @@ from nearlift.campaign.forecasts import Simulate
 from nearlift.declare import Boundary
 from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate, energy, paper
-from nearlift.flight.crash_rate import CrashLevel
+from nearlift.flight.crash_rate import CrashLevel, Rows, StepTest, Sweep, sweep
 from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.monte_carlo import (
-    MonteCarlo,
-    Spread,
-    StepTest,
-    Sweep,
-    settings_of,
-    steps_per_hold,
-    sweep,
-    tabulate,
-)
-from nearlift.flight.paper import Rows
+from nearlift.flight.roll import Roll
+from nearlift.flight.simulation import Simulation, Spread, steps_per_hold, tabulate
 from nearlift.flight.vehicle import (
     Craft,
     Disturbance,
     Gains,
     Groups,
     dimensionless,
-    disturbance_for,
-    gains_for,
-    stable,
+    refuse_unstable,
 )
 from nearlift.randomness import generator
-from nearlift.results.document import Real
+from nearlift.results.document import IfAny, Real
 
 #: Least number of flights behind a set-point that is advised.
 ADVISED_FLIGHTS = 1000
 #: Tolerance, in rotor radii, on the agreement of the set-points of both extrapolations.
 ALIKE = 0.05
+#: Lowest and highest default set-point above the height of contact, in rotor radii.
+ABOVE_CONTACT: dict[Boundary, tuple[float, float]] = {"ground": (0.1, 2.0), "ceiling": (0.5, 2.8)}
 #: Curves of the sweep: no boundary, the best estimate by its own form, and the best estimate held
 #: constant below the nearest station.
 NONE, FORM, HELD = range(3)
@@ -79,10 +71,10 @@ class FittedLevel(CrashLevel):
     held: Real
     agrees: bool
     without_model: Real
-    relative_power: Real
-    crashes: int
-    rate_lo90: Real
-    rate_hi90: Real
+    relative_power: Real = math.nan
+    crashes: int = 0
+    rate_lo90: Real = math.nan
+    rate_hi90: Real = math.nan
 
     @property
     def advised(self) -> bool:
@@ -135,6 +127,18 @@ class FittedFlights:
     gains: Gains
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafetyResult:
+    """Content of safety.json: flights of the paper's and the fitted models near the boundaries, and
+    roll near a wall.
+    """
+
+    schema: str = "nearlift.safety/1"
+    presets: Mapping[str, paper.PresetFlights]
+    fitted: Mapping[Boundary, FittedFlights]
+    roll: IfAny[Roll] = None
+
+
 def conditions(
     chosen: Simulate,
     boundary: Boundary,
@@ -143,7 +147,7 @@ def conditions(
     key: int,
     spread: Spread,
     bare_kg: float | None = None,
-) -> MonteCarlo:
+) -> Simulation:
     """Groups, scheme and step of a campaign's flights.
 
     They are the manifest's, else the paper's scaled to the vehicle. `contact_m` is the height of
@@ -156,32 +160,25 @@ def conditions(
         The loop is unstable, or the step does not divide the gusts' hold. Or a flight is shorter
         than a gust, or the rotors cannot lift the manifest's mass.
     """
-    like = paper.preset("converged")
-    carried = like.groups(boundary)
+    like, published = paper.CONVERGED, paper.groups(boundary)
     given, g = chosen.gains.get(boundary), chosen.gusts
     bare = replace(craft, mass_kg=bare_kg or craft.mass_kg)
-    gains = (
-        Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
-        if given
-        else gains_for(carried, bare)
-    )
+    gains, gusts = published.gains(bare), published.disturbance(bare)
+    if given:
+        gains = Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
     if chosen.scale_gains:
         # the loop's poles depend on gain over hover frequency
         gains = gains.times(craft.hover_Hz / bare.hover_Hz)
-    stable(gains, craft, boundary)
-    gusts = (
-        Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation)
-        if g
-        else disturbance_for(carried, bare)
-    )
-    duration_s = chosen.duration or carried.duration * bare.time_s
+    refuse_unstable(gains, craft, boundary)
+    if g:
+        gusts = Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation)
+    duration_s = chosen.duration or published.duration * bare.time_s
     if duration_s < gusts.hold_s:
         raise ManifestError(
             "simulate.duration",
             f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s",
             "fly at least so long",
         )
-    step_s = chosen.step or gusts.hold_s / like.steps_per_hold
     if chosen.mass and craft.most_lift_N < craft.weight_N:
         raise ManifestError(
             "simulate.mass",
@@ -189,22 +186,30 @@ def conditions(
             f" {craft.weight_N:.3g} N",
             "no such vehicle flies: give less mass, or a larger thrust_limit",
         )
-    return MonteCarlo(
+    return Simulation(
         boundary=boundary,
         groups=dimensionless(craft, gains, gusts, duration_s, contact_m / craft.radius_m),
-        scheme=like.scheme,
-        step_s=step_s,
-        steps_per_hold=steps_per_hold(gusts.hold_s, step_s),
+        runge_kutta=like.runge_kutta,
+        hold_s=gusts.hold_s,
+        steps_per_hold=(
+            steps_per_hold(gusts.hold_s, chosen.step) if chosen.step else like.steps_per_hold
+        ),
         flights=chosen.flights,
         key=key,
         spread=spread,
     )
 
 
+def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
+    """Default set-points of a vehicle that touches at `contact_z_hat`: whole tenths of a radius."""
+    low, high = (10 * (contact_z_hat + above) for above in ABOVE_CONTACT[boundary])
+    return [tenths / 10 for tenths in range(math.ceil(low), math.ceil(high + 1))]
+
+
 def fitted_flights(
     lift: FittedLift,
     chosen: Simulate,
-    how: MonteCarlo,
+    how: Simulation,
     held: energy.Held,
     craft: Craft,
     seed: int,
@@ -220,58 +225,42 @@ def fitted_flights(
     ManifestError
         A set-point is not above the height of contact.
     """
-    boundary, groups, nearest = how.boundary, how.groups, lift.measured_z_hat[0]
-    usual = paper.set_points(boundary, groups.contact)
-    targets = np.array(chosen.set_points.get(boundary, usual))
-    if targets[0] <= groups.contact:
+    boundary, contact, nearest = how.boundary, how.groups.contact, lift.measured_z_hat[0]
+    targets = np.array(chosen.set_points.get(boundary, set_points(boundary, contact)))
+    if targets[0] <= contact:
         raise ManifestError(
             f"simulate.set_points.{boundary}",
-            f"begins at {targets[0]:g}, where the vehicle touches (z_hat = {groups.contact:.3g})",
+            f"begins at {targets[0]:g}, where the vehicle touches (z_hat = {contact:.3g})",
             "begin above",
         )
     form, *drawn = lift.ratios
-    held_below = lambda z_hat: form(np.maximum(z_hat, nearest))  # noqa: E731
     # the own form is carried down to contact, or to the nearest station if that is lower
-    bound = chosen.bound_z_hat.get(boundary, min(groups.contact, nearest))
+    bound = chosen.bound_z_hat.get(boundary, min(contact, nearest))
     droop = lift.droop(chosen.supply_end)
     many = replace(how, flights=max(how.flights, ADVISED_FLIGHTS))
-    curves = tabulate([np.ones_like, form, held_below], bound)
+    curves = tabulate([np.ones_like, form, lambda z: form(np.maximum(z, nearest))], bound)
     flown, step_test = sweep(many, curves, targets, chosen.risks, droop)
-    draw_curves = tabulate(drawn, bound)
-    droops = [lift.droop(chosen.supply_end, m) for m in range(lift.number)]
-    settings = settings_of(flown.target_z_hat, range(lift.number), droops)
+    draw_curves, members = tabulate(drawn, bound), np.arange(lift.number)[:, None]
+    droops = np.array([[lift.droop(chosen.supply_end, m)] for m in range(lift.number)])
     draws = Sweep(
         target_z_hat=flown.target_z_hat,
-        crashed=how.crashed(draw_curves, settings).reshape(lift.number, -1, how.flights),
+        crashed=how.ended(draw_curves, flown.target_z_hat, members, droops) >= 0,
         ratio=draw_curves.at(flown.target_z_hat),
     )
-    labels: dict[str, object] = {
-        "preset": "fitted",
-        "boundary": boundary,
-        "contact_z_hat": groups.contact,
-    }
-    name, rows = lift.model.name, Rows()
-    for curve, (model, below) in enumerate((("none", ""), (name, "form"), (name, "held"))):
-        label = {"model": model, "exponent": float(bool(below)), "member": -1}
-        rows += flown.rows(curve, held, labels | label | {"below_nearest": below})
-    for member in range(lift.number):
-        label = {"model": name, "exponent": 1.0, "member": member, "below_nearest": "form"}
-        rows += draws.rows(member, held, labels | label)
     rng = generator(seed, "levels", "fitted", boundary)
     levels = []
     for risk in chosen.risks:
         level = _level(flown, draws, risk, rng)
         if np.isfinite(level.value):
-            again = many.others().crashed(curves, settings_of([level.value], (FORM,), droop))
-            crashes = again.sum(axis=1)
+            crashes = (many.others().ended(curves, level.value, FORM, droop) >= 0).sum()
             low, high = crash_rate.binomial90(crashes, many.flights)
             power = energy.cost(curves.at(np.array([level.value]))[FORM], held)[1]
             level = replace(
                 level,
                 relative_power=float(power[0]),
-                crashes=int(crashes[0]),
-                rate_lo90=float(low[0]),
-                rate_hi90=float(high[0]),
+                crashes=int(crashes),
+                rate_lo90=float(low),
+                rate_hi90=float(high),
             )
         levels.append(level)
     entry = FittedFlights(
@@ -282,20 +271,44 @@ def fitted_flights(
         left_on_the_bench=lift.left,
         draws_from=lift.source,
         draws=lift.number,
-        contact_z_hat=groups.contact,
-        contact_m=groups.contact * craft.radius_m,
+        contact_z_hat=contact,
+        contact_m=contact * craft.radius_m,
         bound_z_hat=curves.low,
         measured_z_hat=lift.measured_z_hat,
         droop=droop,
         held=held,
         flights=many.flights,
         draw_flights=how.flights,
-        groups=groups,
+        groups=how.groups,
         convergence=step_test,
         levels=tuple(levels),
-        gains=gains_for(groups, craft),
+        gains=how.groups.gains(craft),
     )
-    return entry, rows
+    return entry, _rows(lift, how, flown, draws, held)
+
+
+def _rows(lift: FittedLift, how: Simulation, flown: Sweep, draws: Sweep, held: energy.Held) -> Rows:
+    """Rows of crash_rates.parquet: no boundary, both extrapolations, and every draw."""
+    name = lift.model.name
+    parts = [
+        (flown, NONE, "none", -1, ""),
+        (flown, FORM, name, -1, "form"),
+        (flown, HELD, name, -1, "held"),
+        *((draws, member, name, member, "form") for member in range(lift.number)),
+    ]
+    rows = Rows()
+    for part, curve, model, member, below_nearest in parts:
+        labels = {
+            "preset": "fitted",
+            "boundary": how.boundary,
+            "contact_z_hat": how.groups.contact,
+            "model": model,
+            "exponent": float(model != "none"),
+            "member": member,
+            "below_nearest": below_nearest,
+        }
+        rows += part.rows(curve, held, labels)
+    return rows
 
 
 def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) -> FittedLevel:
@@ -327,8 +340,4 @@ def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) ->
         held=float(held[0]),
         agrees=agrees,
         without_model=float(none[0]),
-        relative_power=math.nan,
-        crashes=0,
-        rate_lo90=math.nan,
-        rate_hi90=math.nan,
     )

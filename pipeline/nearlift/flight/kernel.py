@@ -8,10 +8,9 @@ ceiling, where z is measured downwards. R(z) is L / L_inf by table; w is held fo
 the step is a whole part. A flight ends when z <= contact, by Runge-Kutta also between steps. u is
 limited to the range of the motors.
 
-A flight's gusts are made once for all settings. Settings are advanced together, so that the
-processor works on several while each waits for its table. A crashed setting leaves the list. Arrays
-are flat and every part of the state is a scalar. A slice of an array in the loop costs four times
-as much as the step.
+All settings meet the same gusts. They are advanced together, so that the processor works on several
+while each waits for its table. A crashed setting leaves the list. Arrays are flat and every part of
+the state is a scalar: a slice of an array in the loop costs four times as much as the step.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from nearlift.compiler import compiled
-from nearlift.flight import NODES
-from nearlift.flight.gusts import begin, fill
 
+#: Nodes of every table of L / L_inf.
+NODES = 2049
 #: Rows of the array of settings.
 Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT, MOST = range(10)
 
@@ -47,32 +46,28 @@ def push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
 
 @compiled
 def fly(
-    key: Any, first: Any, holds: Any, per_hold: Any, dt: Any, runge_kutta: Any, memory: Any,
-    settings: Any, which: Any, curves: Any, low: Any, per: Any, ended: Any, track: Any,
+    gusts: Any, ended: Any, track: Any,
+    per_hold: Any, dt: Any, runge_kutta: Any, settings: Any, which: Any, curves: Any, low: Any,
+    per: Any,
 ) -> None:  # fmt: skip
-    """Fly a block of flights, the first of them number `first`, through all settings.
+    """Fly through gusts (flights, holds) with all settings.
 
-    `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the
-    gusts' correlation from hold to hold (0: white). `settings` is (10, n), `which` the start of
-    each one's table, `curves` all tables in one row. Where `track` (n, holds + 1) is not empty, it
-    takes the heights of the last flight flown, at the end of every hold. Without `runge_kutta` the
-    scheme is explicit Euler, the paper's.
+    `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `settings` is
+    (10, n), `which` the start of each one's table, `curves` all tables in one row, `low` their
+    lower end, `per` their nodes per radius. Where `track` (n, holds + 1) is not empty, it takes
+    the heights of the last flight at the end of every hold. Without `runge_kutta` the scheme is
+    explicit Euler, the paper's.
     """
     n = settings.shape[1]
     z0, alpha, beta, gamma = settings[Z0], settings[ALPHA], settings[BETA], settings[GAMMA]
     delta, noise, sign = settings[DELTA], settings[NOISE], settings[SIGN]
     droop, contact, most = settings[DROOP], settings[CONTACT], settings[MOST]
     keep_track = track.shape[0] > 0
-    gusts = np.zeros(holds)
+    holds = gusts.shape[1]
     z, v, total = np.empty(n), np.empty(n), np.empty(n)
     active = np.empty(n, np.int64)
-    fresh = np.sqrt(1.0 - memory * memory)
     half, sixth = 0.5 * dt, dt / 6.0
-    for f in range(ended.shape[1]):
-        fill(begin(key, first + f), gusts)
-        if memory > 0.0:
-            for k in range(1, holds):
-                gusts[k] = memory * gusts[k - 1] + fresh * gusts[k]
+    for f in range(gusts.shape[0]):
         for s in range(n):
             z[s], v[s], total[s], active[s], ended[s, f] = z0[s], 0.0, 0.0, s, -1
             if keep_track:
@@ -81,7 +76,7 @@ def fly(
         for k in range(holds):
             kept = 0
             passed = (k + 0.5) / holds
-            gust = gusts[k]
+            gust = gusts[f, k]
             for j in range(left):
                 s = active[j]
                 x, w, i = z[s], v[s], total[s]

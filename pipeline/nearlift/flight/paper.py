@@ -5,7 +5,7 @@ step, and sample time histories.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,29 +14,23 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate
-from nearlift.flight.crash_rate import CrashLevel
-from nearlift.flight.monte_carlo import (
-    Curves,
-    MonteCarlo,
-    Scheme,
-    Spread,
-    StepTest,
-    combined,
-    settings_of,
-    steps_per_hold,
-    sweep,
-    tabulate,
-)
-from nearlift.flight.vehicle import (
-    CRAZYFLIE_AS_PRINTED,
-    PAPER_DISTURBANCE,
-    PAPER_GAINS,
-    Groups,
-    dimensionless,
-)
+from nearlift.flight.crash_rate import CrashLevel, Rows, StepTest, combined, sweep
+from nearlift.flight.simulation import Curves, Simulation, Spread, tabulate
+from nearlift.flight.vehicle import Craft, Disturbance, Gains, Groups, dimensionless
 from nearlift.randomness import generator
 
-Rows = list[dict[str, object]]
+#: The vehicle of the paper's simulation.
+CRAZYFLIE_AS_PRINTED = Craft(
+    radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6
+)
+#: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.
+CEILING_GAINS = Gains(kP=316.0, kD=316.0, kI=31.6)
+GAINS: dict[Boundary, Gains] = {"ground": CEILING_GAINS.times(-1.0), "ceiling": CEILING_GAINS}
+#: The paper's white noise, held for its step of 0.1 s.
+DISTURBANCE = Disturbance(sd_N=0.015, hold_s=0.1)
+#: Duration of each flight.
+DURATION_S = 120.0
+MODELS: dict[Boundary, str] = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon"}
 #: Powers to which the paper's models are raised; 0 is no model.
 EXPONENTS = (0.0, 0.6, 0.8, 1.0, 1.2, 1.4)
 #: Set-points in rotor radii: the paper's (0.5 to 2 above ground, 1 to 2.5 below the ceiling), and
@@ -45,19 +39,14 @@ TARGETS: dict[Boundary, FloatArray] = {
     "ground": np.round(np.arange(4, 21) * 0.1, 10),
     "ceiling": np.round(np.arange(8, 29) * 0.1, 10),
 }
-#: Lowest and highest default set-point above the height of contact, in rotor radii.
-ABOVE_CONTACT: dict[Boundary, tuple[float, float]] = {"ground": (0.1, 2.0), "ceiling": (0.5, 2.8)}
-MODELS: dict[Boundary, str] = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon"}
 #: 90 mm between adjacent rotors, as in the paper (65 mm on a Crazyflie), over a radius of 23 mm.
 GEOMETRY = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
-#: Height below which the paper holds L / L_inf constant, in rotor radii.
+#: z_hat below which the paper holds L / L_inf constant.
 BOUND_Z_HAT = 0.5
-#: Of each flight.
-DURATION_S = 120.0
-#: Set-points of Fig. 6a and b, near the middle of the model's effect.
+#: Set-points of Fig. 6a and b, z_hat, near the middle of the model's effect.
 SHOWN: dict[Boundary, float] = {"ground": 1.0, "ceiling": 1.75}
 #: Number of flights searched for time histories, and largest number shown.
-LOOKED_AT, PICKED = 60, 2
+SEARCHED, PICKED = 60, 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,28 +55,18 @@ class FlightPreset:
 
     name: str
     meaning: str
-    scheme: Scheme
-    step_s: float
+    runge_kutta: bool
+    steps_per_hold: int
 
-    def groups(self, boundary: Boundary) -> Groups:
-        """Dimensionless groups with the paper's gains, signed for the boundary."""
-        gains = PAPER_GAINS[boundary]
-        return dimensionless(CRAZYFLIE_AS_PRINTED, gains, PAPER_DISTURBANCE, DURATION_S)
-
-    @property
-    def steps_per_hold(self) -> int:
-        """Number of time steps for which a gust is held."""
-        return steps_per_hold(PAPER_DISTURBANCE.hold_s, self.step_s)
-
-    def monte_carlo(
+    def simulation(
         self, boundary: Boundary, flights: int, key: int, spread: Spread = map
-    ) -> MonteCarlo:
+    ) -> Simulation:
         """Flights of the paper's vehicle at a boundary, with this preset's scheme and step."""
-        return MonteCarlo(
+        return Simulation(
             boundary=boundary,
-            groups=self.groups(boundary),
-            scheme=self.scheme,
-            step_s=self.step_s,
+            groups=groups(boundary),
+            runge_kutta=self.runge_kutta,
+            hold_s=DISTURBANCE.hold_s,
             steps_per_hold=self.steps_per_hold,
             flights=flights,
             key=key,
@@ -95,43 +74,35 @@ class FlightPreset:
         )
 
 
-#: Crash criterion of the paper's vehicle.
-POINT = "; a point without feet that crashes at z_hat = 0"
-
-PRESETS = (
-    FlightPreset(
-        name="paper",
-        meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step" + POINT,
-        scheme="euler",
-        step_s=0.1,
-    ),
-    FlightPreset(
-        name="converged",
-        meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s" + POINT,
-        scheme="rk4",
-        step_s=0.05,
-    ),
+AS_PRINTED = FlightPreset(
+    name="paper",
+    meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step; a point without feet"
+    " that crashes at z_hat = 0",
+    runge_kutta=False,
+    steps_per_hold=1,
 )
+CONVERGED = FlightPreset(
+    name="converged",
+    meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s; a point"
+    " without feet that crashes at z_hat = 0",
+    runge_kutta=True,
+    steps_per_hold=2,
+)
+
+
+def groups(boundary: Boundary) -> Groups:
+    """Dimensionless groups with the paper's gains, signed for the boundary."""
+    return dimensionless(CRAZYFLIE_AS_PRINTED, GAINS[boundary], DISTURBANCE, DURATION_S)
 
 
 def preset(name: str) -> FlightPreset:
     """Preset of that name; raises ManifestError if there is none."""
-    by_name = {p.name: p for p in PRESETS}
+    by_name = {p.name: p for p in (AS_PRINTED, CONVERGED)}
     if name not in by_name:
         raise ManifestError(
             "simulate.presets", f"{name!r} is not a preset", f"presets are {', '.join(by_name)}"
         )
     return by_name[name]
-
-
-def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
-    """Default set-points of a vehicle that touches at `contact_z_hat`: whole tenths of a radius."""
-    tenths = np.arange(1000)
-    low, high = (10 * (contact_z_hat + above) for above in ABOVE_CONTACT[boundary])
-    targets: list[float] = np.round(
-        0.1 * tenths[(tenths >= low) & (tenths < high + 1)], 10
-    ).tolist()
-    return targets
 
 
 def scaled_curves(boundary: Boundary, exponents: Sequence[float] = EXPONENTS) -> Curves:
@@ -154,21 +125,28 @@ class PublishedFlights:
     levels: tuple[CrashLevel, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PresetFlights:
+    """The paper's models under one preset."""
+
+    meaning: str
+    boundaries: Mapping[Boundary, PublishedFlights]
+
+
 def published_flights(
-    preset: str, how: MonteCarlo, risks: Sequence[float]
+    preset: str, how: Simulation, risks: Sequence[float]
 ) -> tuple[PublishedFlights, Rows]:
     """Crash rates and levels of all powers over all set-points, with the rows of
     crash_rates.parquet.
     """
-    boundary, groups = how.boundary, how.groups
+    boundary = how.boundary
     # one bootstrap for all curves: they met the same gusts
     rng = generator(how.key % 2**32, "levels", preset, boundary)
     weights = crash_rate.resamples(how.flights, rng)
     rows: Rows = []
     listed, tests = [], []
     for k in EXPONENTS:
-        curves = scaled_curves(boundary, (k,))
-        flown, step_test = sweep(how, curves, TARGETS[boundary], risks)
+        flown, step_test = sweep(how, scaled_curves(boundary, (k,)), TARGETS[boundary], risks)
         tests.append(step_test)
         labels = {
             "preset": preset,
@@ -177,7 +155,7 @@ def published_flights(
             "exponent": k,
             "member": -1,
             "below_nearest": "",
-            "contact_z_hat": groups.contact,
+            "contact_z_hat": how.groups.contact,
         }
         rows += flown.rows(0, "thrust", labels)
         for risk in risks:
@@ -194,7 +172,7 @@ def published_flights(
                 )
             )
     flights = PublishedFlights(
-        convergence=combined(tests), groups=groups, flights=how.flights, levels=tuple(listed)
+        convergence=combined(tests), groups=how.groups, flights=how.flights, levels=tuple(listed)
     )
     return flights, rows
 
@@ -205,24 +183,23 @@ def histories(preset: FlightPreset, boundary: Boundary, key: int) -> Rows:
     Above a ground they crash only without the model, below a ceiling only with it, as in the
     paper's own illustration. The crash rates count all flights.
     """
-    how = preset.monte_carlo(boundary, LOOKED_AT, key)
-    curves, settings = scaled_curves(boundary, (0.0, 1.0)), settings_of([SHOWN[boundary]], (0, 1))
-    ended = how.ended(curves, settings)
+    how, target = preset.simulation(boundary, SEARCHED, key), SHOWN[boundary]
+    curves, both = scaled_curves(boundary, (0.0, 1.0)), np.arange(2)
+    crashed = how.ended(curves, target, both) >= 0
     bad, good = (0, 1) if boundary == "ground" else (1, 0)
-    picked = np.flatnonzero((ended[bad] >= 0) & (ended[good] < 0))[:PICKED]
     return [
         {
             "preset": preset.name,
             "boundary": boundary,
             "model": name,
-            "target_z_hat": SHOWN[boundary],
+            "target_z_hat": target,
             "flight": flight,
-            "t_s": k * PAPER_DISTURBANCE.hold_s,
+            "t_s": k * DISTURBANCE.hold_s,
             "z_hat": float(heights[k]),
         }
-        for flight in picked.tolist()
+        for flight in np.flatnonzero(crashed[bad] & ~crashed[good])[:PICKED].tolist()
         for name, heights in zip(
-            ("none", MODELS[boundary]), how.trace(curves, settings, flight), strict=True
+            ("none", MODELS[boundary]), how.trace(curves, target, both, flight), strict=True
         )
         for k in np.flatnonzero(np.isfinite(heights)).tolist()
     ]

@@ -1,21 +1,18 @@
 """Rotorcraft in vertical flight, its PID controller and gusts, and their dimensionless groups.
 
-Crash rates depend on these groups alone: the paper's Eq. 5 and 6, and more.
-
 The controller of rotor frequency is f = max(0, kP (z - z0) + kD z' + kI integral(z - z0) + f0).
 Here z is the distance to the boundary. Above a ground the gains are negative: a vehicle that is too
 low (z < z0) must turn its rotors faster. Below a ceiling it must slow them: gains are positive.
 The paper prints positive gains for both, with which the loop above a ground is unstable.
 
-Scales of the groups: length r, time sqrt(r/g), force m g, frequency hover_Hz. With
-K = rotors C_L rho r^4, the paper's groups are
+Crash rates depend on the groups alone. Their scales are length r, time sqrt(r/g), force m g and
+frequency hover_Hz. With K = rotors C_L rho r^4, the paper's four (Eq. 6) are
 
     alpha = kP r sqrt(K / (m g))             beta = kD sqrt(r g) sqrt(K / (m g))
     gamma = kI r sqrt(r/g) sqrt(K / (m g))   delta = f0 sqrt(K / (m g))
 
 Eq. 6 leaves out the disturbance over weight, its hold and correlation time, step and duration. It
-also leaves out the height of contact and the largest thrust. In L / L_inf it leaves out spacing
-over radius and the bound on the ratio.
+also leaves out the height of contact and the largest thrust.
 """
 
 from __future__ import annotations
@@ -28,6 +25,16 @@ import numpy as np
 from nearlift.declare import Boundary
 from nearlift.errors import ManifestError
 from nearlift.results.document import Unbounded
+
+#: Direction of lift along z: away from a ground, towards a ceiling.
+LIFT_SIGN: dict[Boundary, float] = {"ground": 1.0, "ceiling": -1.0}
+#: Sign of gains that fly at a boundary, and why.
+RIGHT_SIGN: dict[Boundary, tuple[str, str]] = {
+    "ground": ("negative", "above a ground a vehicle that is too low must turn its rotors faster"),
+    "ceiling": ("positive", "below a ceiling a vehicle that is too close must slow its rotors"),
+}
+#: Largest real part of a stable pole, 1/s: rounding of the pole at zero of an unused integrator.
+POLE_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,65 +101,6 @@ class Gains:
         return Gains(kP=factor * self.kP, kD=factor * self.kD, kI=factor * self.kI)
 
 
-#: Direction of lift along z: away from a ground, towards a ceiling.
-AWAY: dict[Boundary, float] = {"ground": 1.0, "ceiling": -1.0}
-#: Sign of gains that fly at a boundary, and why.
-RIGHT_SIGN: dict[Boundary, tuple[str, str]] = {
-    "ground": ("negative", "above a ground a vehicle that is too low must turn its rotors faster"),
-    "ceiling": ("positive", "below a ceiling a vehicle that is too close must slow its rotors"),
-}
-#: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.
-PAPER_CEILING = Gains(kP=316.0, kD=316.0, kI=31.6)
-PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.times(-1.0), "ceiling": PAPER_CEILING}
-#: The paper's white noise, held for its step of 0.1 s.
-PAPER_DISTURBANCE = Disturbance(sd_N=0.015, hold_s=0.1)
-#: The vehicle of the paper's simulation.
-CRAZYFLIE_AS_PRINTED = Craft(
-    radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6
-)
-
-
-def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
-    """Complex poles (3,), in 1/s, of the loop linearised about hover far from the boundary."""
-    # s^3 = away * 2 g / f0 * (kD s^2 + kP s + kI)
-    stiffness = AWAY[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
-    return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
-
-
-def stable(gains: Gains, craft: Craft, boundary: Boundary) -> Gains:
-    """The gains, if their loop is stable without a boundary.
-
-    Raises
-    ------
-    ManifestError
-        A pole has a positive real part (says which signs would do), or kP or kD is zero.
-    """
-    # a pole at zero is that of an unused integrator
-    worst = float(poles(gains, craft, boundary).real.max())
-    if worst <= 1e-9 and gains.kP and gains.kD:
-        return gains
-    if gains.kP == 0.0 or gains.kD == 0.0:
-        raise ManifestError(
-            f"simulate.gains.{boundary}",
-            f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back"
-            " and calms it",
-            "give both",
-        )
-    right, reason = RIGHT_SIGN[boundary]
-    flipped = float(poles(gains.times(-1.0), craft, boundary).real.max()) <= 1e-9
-    remedy = (
-        f"change the sign of all three: {right} at this boundary"
-        if flipped
-        else "kP, kD and kI want one sign, and kD kP large enough for kI"
-    )
-    raise ManifestError(
-        f"simulate.gains.{boundary}",
-        f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at"
-        f" {worst:+.3g} 1/s): {reason}",
-        remedy,
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Groups:
     """Dimensionless groups of a flight.
@@ -172,6 +120,19 @@ class Groups:
     contact: float = 0.0
     most_lift: Unbounded = math.inf
 
+    def gains(self, craft: Craft) -> Gains:
+        """Gains that give another vehicle (payload, size) the same alpha, beta and gamma."""
+        r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
+        return Gains(kP=self.alpha * f / r, kD=self.beta * f * t / r, kI=self.gamma * f / (r * t))
+
+    def disturbance(self, craft: Craft) -> Disturbance:
+        """Disturbance that gives another vehicle the same noise, hold and correlation."""
+        return Disturbance(
+            sd_N=self.noise * craft.weight_N,
+            hold_s=self.hold * craft.time_s,
+            correlation_s=self.correlation * craft.time_s,
+        )
+
 
 def dimensionless(
     craft: Craft,
@@ -181,12 +142,11 @@ def dimensionless(
     contact_z_hat: float = 0.0,
 ) -> Groups:
     """Groups of a vehicle, its controller and its gusts, with f0 of hover far away."""
-    per_Hz = 1.0 / craft.hover_Hz
-    r, t = craft.radius_m, craft.time_s
+    r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
     return Groups(
-        alpha=gains.kP * r * per_Hz,
-        beta=gains.kD * r / t * per_Hz,
-        gamma=gains.kI * r * t * per_Hz,
+        alpha=gains.kP * r / f,
+        beta=gains.kD * r / t / f,
+        gamma=gains.kI * r * t / f,
         delta=1.0,
         noise=disturbance.sd_N / craft.weight_N,
         hold=disturbance.hold_s / t,
@@ -197,16 +157,41 @@ def dimensionless(
     )
 
 
-def gains_for(groups: Groups, craft: Craft) -> Gains:
-    """Gains that give another vehicle (payload, size) the same alpha, beta and gamma."""
-    r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
-    return Gains(kP=groups.alpha * f / r, kD=groups.beta * f * t / r, kI=groups.gamma * f / (r * t))
+def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
+    """Complex poles (3,), in 1/s, of the loop linearised about hover far from the boundary."""
+    # s^3 = sign * 2 g / f0 * (kD s^2 + kP s + kI)
+    stiffness = LIFT_SIGN[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
+    return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
 
 
-def disturbance_for(groups: Groups, craft: Craft) -> Disturbance:
-    """Disturbance that gives another vehicle the same noise, hold and correlation."""
-    return Disturbance(
-        sd_N=groups.noise * craft.weight_N,
-        hold_s=groups.hold * craft.time_s,
-        correlation_s=groups.correlation * craft.time_s,
+def refuse_unstable(gains: Gains, craft: Craft, boundary: Boundary) -> None:
+    """Refuse gains whose loop is unstable without a boundary.
+
+    Raises
+    ------
+    ManifestError
+        A pole has a positive real part (says which signs would do), or kP or kD is zero.
+    """
+    where = f"simulate.gains.{boundary}"
+    if gains.kP == 0.0 or gains.kD == 0.0:
+        raise ManifestError(
+            where,
+            f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back"
+            " and calms it",
+            "give both",
+        )
+    worst, flipped = (
+        float(poles(gains.times(sign), craft, boundary).real.max()) for sign in (1.0, -1.0)
+    )
+    if worst <= POLE_ROUNDING:
+        return
+    right, reason = RIGHT_SIGN[boundary]
+    remedy = "kP, kD and kI want one sign, and kD kP large enough for kI"
+    if flipped <= POLE_ROUNDING:
+        remedy = f"change the sign of all three: {right} at this boundary"
+    raise ManifestError(
+        where,
+        f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at"
+        f" {worst:+.3g} 1/s): {reason}",
+        remedy,
     )

@@ -27,7 +27,7 @@ from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.simulate import SAFETY
 
 if TYPE_CHECKING:
-    from nearlift.flight.safety_result import SafetyResult
+    from nearlift.flight.fitted import SafetyResult
     from nearlift.report.curves import Curve
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
@@ -139,7 +139,7 @@ class Evidence:
     @cached_property
     def safety(self) -> SafetyResult:
         """safety.json."""
-        from nearlift.flight.safety_result import SafetyResult
+        from nearlift.flight.fitted import SafetyResult
 
         return typed(SafetyResult, self.document(SAFETY), SAFETY.file)
 

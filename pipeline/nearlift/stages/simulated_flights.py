@@ -10,11 +10,10 @@ from nearlift.campaign.forecasts import Simulate
 from nearlift.campaign.manifest import boundaries_of
 from nearlift.declare import Boundary
 from nearlift.flight import paper
-from nearlift.flight.crash_rate import refuse_few
-from nearlift.flight.fitted import FittedFlights, conditions, fitted_flights
-from nearlift.flight.paper import Rows
+from nearlift.flight.crash_rate import Rows, refuse_few
+from nearlift.flight.fitted import FittedFlights, SafetyResult, conditions, fitted_flights
+from nearlift.flight.paper import PresetFlights
 from nearlift.flight.roll import Roll, roll_beside_wall
-from nearlift.flight.safety_result import PresetFlights, SafetyResult
 from nearlift.flight.vehicle import Craft
 from nearlift.randomness import generator
 from nearlift.results.fit import FitResults
@@ -93,7 +92,7 @@ def _presets(job: Job, chosen: Simulate, key: int) -> tuple[dict[str, PresetFlig
         boundaries = {}
         for boundary in paper.MODELS:
             job.say(f"simulate {name} {boundary}")
-            how = preset.monte_carlo(boundary, chosen.flights, key, job.executor.map)
+            how = preset.simulation(boundary, chosen.flights, key, job.executor.map)
             boundaries[boundary], rows = paper.published_flights(name, how, chosen.risks)
             rates += rows
             samples += paper.histories(preset, boundary, key) if name == "paper" else []

@@ -7,7 +7,7 @@ from dataclasses import replace
 from markupsafe import Markup
 
 from nearlift.declare import BOUNDARIES
-from nearlift.flight.detection import MIN_BEYOND
+from nearlift.flight.proximity import MIN_BEYOND
 from nearlift.report import blocks
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place

@@ -1,6 +1,4 @@
-"""The stage `detect`: products, what payload and supply cost, the sidewall's number, folds, figure
-and chapter.
-"""
+"""Detection ranges and distances from readings: products, figure, chapter and command."""
 
 from __future__ import annotations
 
@@ -11,6 +9,8 @@ import re
 import numpy as np
 import pytest
 from markupsafe import escape
+from tests.unit import quoted, small_run
+from tests.unit.small_run import nearlift
 
 from nearlift.campaign.forecasts import LiftReading
 from nearlift.errors import ManifestError
@@ -24,9 +24,6 @@ from nearlift.stages.detect import DETECTION, PROXIMITY
 from nearlift.stages.diagnose import DIAGNOSIS, quoted_lifts
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.gathering import gather
-
-from . import quoted, small_run
-from .small_run import nearlift
 
 SENSOR = {"force_noise": "3 mN", "force_bandwidth": "50 Hz"}
 
