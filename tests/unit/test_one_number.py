@@ -18,6 +18,7 @@ from nearlift.report.phrases import coefficient_text
 from nearlift.results.quotation import Results
 from nearlift.rounding import like, plus_minus
 from nearlift.stages import export, report
+from nearlift.stages.diagnose import findings
 from nearlift.study import Diagnosis
 
 from . import small_run, verdicts
@@ -92,6 +93,9 @@ def test_every_document_says_one_number(job, quoted):
 
 def test_exports_say_one_number(job, quoted):
     c = quoted.coefficients["K_b"]
+    # where effects are identified, the likeliest explanation's value, not the mean over rivals
+    accepted = findings(job.processed)["ground"].accepted if quoted.effects else None
+    c = accepted.parameters["K_b"] if accepted else c
     told = f"K_b = {c.value:.6g} (90 %: {c.lo90:.6g} to {c.hi90:.6g})"
     folder = job.processed / "export"
     assert told in (folder / "lift_model.h").read_text()
