@@ -338,9 +338,9 @@ def test_figures_and_chapter(flown):
         assert "alving the step changes" in spec.caption(evidence, table)
         assert "ground" in spec.alt(table)
     text = small_run.chapter(evidence, "safety")
-    levels = re.findall(r"<summary>(\w+): set-points by risk(.*?)</details>", text, re.DOTALL)
-    assert [boundary for boundary, _ in levels] == ["Ground", "Ceiling"]
-    assert 'data-source="safety.json#/fitted/ground/levels/0/rate_lo90"' in levels[0][1]
+    captions = re.findall(r"(\w+): lowest set-point for a stated risk", text)
+    assert captions == ["Ground", "Ceiling"]
+    assert 'data-source="safety.json#/fitted/ground/levels/0/rate_lo90"' in text
     assert "The paper's simulation, repeated" in html.unescape(text)
 
 
@@ -386,7 +386,7 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(
     assert "No set-point is advised for a risk of 50 %" in spec.caption(evidence, table)
     figure = drawn(spec.draw, table, Style())
     assert "no set-point is advised" in [t.get_text() for ax in figure.axes for t in ax.texts]
-    assert "no advice: it depends" in small_run.chapter(evidence, "safety")
+    assert "no: it depends on lift nearer" in small_run.chapter(evidence, "safety")
 
 
 # ---- refusals
