@@ -9,7 +9,6 @@ import tempfile
 import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -99,19 +98,18 @@ class Study:
         """
         about = self._about("fit")
         results = self._load(FitResults)
-        boundaries = {
-            boundary: BoundaryFit(
-                boundary=boundary, base_model=results.base[boundary], models=models
-            )
-            for boundary, models in results.boundaries.items()
-        }
         trials = self.read(TRIALS)
         columns = {str(name): values.to_numpy() for name, values in trials.items()}
         return Fit(
             **about,
-            boundaries=boundaries,
+            boundaries={
+                boundary: BoundaryFit(
+                    boundary=boundary, base_model=results.base[boundary], models=models
+                )
+                for boundary, models in results.boundaries.items()
+            },
             trials=trials,
-            observations={b: observe(columns, self.manifest, b) for b in boundaries},
+            observations={b: observe(columns, self.manifest, b) for b in results.boundaries},
             posterior=self.read(POSTERIOR),
         )
 
@@ -126,11 +124,10 @@ class Study:
             residuals=self.read(LOOP_RESIDUALS),
         )
 
-    def run(self) -> Finished:
-        """Run every stage that is stale, the report last, as ``nearlift run`` does."""
-        steps = self._steps("report")
-        ran = tuple(step.stage.name for step in steps if step.why)
-        return Finished(**self._remarks(steps), report=self.report, ran=ran)
+    def run(self) -> Path:
+        """Run every stage that is stale, as ``nearlift run`` does; the path of the report."""
+        self._about("report")
+        return self.report
 
     def plan(self) -> dict[str, str]:
         """Reason why each stage is stale, empty if it is up to date; runs nothing."""
@@ -161,7 +158,7 @@ class Study:
                 name, "is no figure", f"there are {', '.join(item.name for item in FIGURES)}"
             )
         makers = [stage.name for stage in STAGES if set(stage.writes) & set(spec.needs)]
-        self._steps(makers[-1])
+        self._about(makers[-1])
         with self._open("serial") as job:
             evidence = gather(job)
         rows = spec.table(evidence)
@@ -203,27 +200,16 @@ class Study:
     def _open(self, executor: str) -> contextlib.AbstractContextManager[engine.Job]:
         return engine.open_job(self.root, self.out, STAGES, executor, self.seed)
 
-    def _steps(self, last: str) -> list[engine.Step]:
-        """Run what is stale up to and including the stage `last`."""
+    def _about(self, last: str) -> dict[str, Any]:
+        """Run what is stale up to the stage `last`: the name, rejected trials and notes."""
         with self._open(self.executor) as job:
-            return list(engine.run(job, STAGES[: ORDER.index(last) + 1]))
-
-    def _remarks(self, steps: list[engine.Step]) -> dict[str, Any]:
+            steps = list(engine.run(job, STAGES[: ORDER.index(last) + 1]))
         rejected = tuple(r for step in steps for r in step.outcome.rejected)
         notes = tuple(dict.fromkeys(note for step in steps for note in step.outcome.notes))
         return {"campaign": self.name, "rejected": rejected, "notes": notes}
 
-    def _about(self, last: str) -> dict[str, Any]:
-        return self._remarks(self._steps(last))
-
     def __repr__(self) -> str:
         return f"Study({self.name!r}, {str(self.root)!r}, out={str(self.out)!r})"
-
-    def _repr_html_(self) -> str:
-        import pandas as pd
-
-        states = {stage: why or "up to date" for stage, why in self.plan().items()}
-        return _html(self.name, pd.DataFrame({"stage": states.keys(), "state": states.values()}))
 
 
 def load(
@@ -320,9 +306,9 @@ def trials(
     return study
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudyAnswer:
-    """Answer of a study.
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Answer:
+    """Answer of a study, printed as a report.
 
     Attributes
     ----------
@@ -335,20 +321,15 @@ class StudyAnswer:
     """
 
     campaign: str
-    rejected: tuple[tuple[str, str], ...] = field(default=(), repr=False)
-    notes: tuple[str, ...] = field(default=(), repr=False)
+    rejected: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
 
-    @property
-    def remarks(self) -> list[str]:
-        """Rejected trials and notes, a line each."""
-        lines = [f"{trial}: {reason}" for trial, reason in self.rejected[:MAX_REJECTED_LISTED]]
-        if len(self.rejected) > MAX_REJECTED_LISTED:
-            lines.append(f"and {len(self.rejected) - MAX_REJECTED_LISTED} more trials rejected")
-        return [*lines, *self.notes]
+    def __repr__(self) -> str:
+        return str(self)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reduction(StudyAnswer):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Reduction(Answer):
     """Trials reduced to cells.
 
     Attributes
@@ -362,51 +343,35 @@ class Reduction(StudyAnswer):
         is not diagonal. Empty beyond 2000 cells.
     """
 
-    trials: pd.DataFrame = field(repr=False, compare=False)
-    cells: pd.DataFrame = field(repr=False, compare=False)
-    covariance: pd.DataFrame = field(repr=False, compare=False)
-
-    @property
-    def summary(self) -> pd.DataFrame:
-        """A boundary a row: trials, cells, distances over rotor radius, largest change of lift."""
-        import pandas as pd
-
-        rows = []
-        for boundary, cells in self.cells.groupby("boundary", sort=False):
-            change, u = (cells[name].to_numpy() for name in ("delta_L", "u_delta_L"))
-            top = abs(change).argmax()
-            largest = plus_minus(100 * change[top], 100 * u[top])
-            ends = (plain(z, 3) for z in (cells["z_hat"].min(), cells["z_hat"].max()))
-            rows.append(
-                {
-                    "boundary": boundary,
-                    "trials": cells["n_trials"].sum(),
-                    "cells": len(cells),
-                    "z/r": " to ".join(ends),
-                    "largest ΔL": f"{largest} % at {plain(cells['z_hat'].iloc[top], 3)}",
-                }
-            )
-        return pd.DataFrame(rows)
+    trials: pd.DataFrame = field(compare=False)
+    cells: pd.DataFrame = field(compare=False)
+    covariance: pd.DataFrame = field(compare=False)
 
     def __str__(self) -> str:
-        return "\n".join([self.campaign, self.summary.to_string(index=False), *self.remarks])
+        lines = [self.campaign]
+        for boundary, cells in self.cells.groupby("boundary", sort=False):
+            top = cells.loc[cells["delta_L"].abs().idxmax()]
+            change = plus_minus(100 * top["delta_L"], 100 * top["u_delta_L"])
+            lines.append(
+                f"{boundary}: {cells['n_trials'].sum()} trials in {len(cells)} cells, largest ΔL"
+                f" {change} % at {plain(top['z_hat'], 3)} radii"
+            )
+        lines += [f"{trial}: {reason}" for trial, reason in self.rejected[:MAX_REJECTED_LISTED]]
+        if len(self.rejected) > MAX_REJECTED_LISTED:
+            lines.append(f"and {len(self.rejected) - MAX_REJECTED_LISTED} more trials rejected")
+        return "\n".join([*lines, *self.notes])
 
-    def _repr_html_(self) -> str:
-        return _html(self.campaign, self.summary, self.remarks)
 
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ByBoundary(Answer, Generic[Entry]):
+    """Answer with an entry for each boundary: ground, ceiling, sidewall."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ByBoundary(StudyAnswer, Generic[Entry]):
-    """Answer with an entry for each boundary."""
-
-    boundaries: Mapping[Boundary, Entry] = field(repr=False)
+    boundaries: Mapping[Boundary, Entry]
 
     def __iter__(self) -> Iterator[Entry]:
-        """Iterate over ground, ceiling, sidewall."""
         return iter(self.boundaries.values())
 
     def __getitem__(self, boundary: str) -> Entry:
-        """Entry of that boundary; `UsageError` names those that there are."""
         return _entry(self.boundaries, boundary, f"{boundary!r} is no boundary of this campaign")
 
 
@@ -424,11 +389,10 @@ class BoundaryFit:
         return self.models[self.base_model]
 
     def __getitem__(self, model: str) -> ModelFit:
-        """Fit of that model; `UsageError` names those that there are."""
         return _entry(self.models, model, f"no fit of {model!r} at the {self.boundary}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Fit(ByBoundary[BoundaryFit]):
     """Every model at every boundary, before any diagnosis: ``fit.json`` and ``posterior.parquet``.
 
@@ -436,9 +400,9 @@ class Fit(ByBoundary[BoundaryFit]):
     `Study.diagnose`'s.
     """
 
-    trials: pd.DataFrame = field(repr=False, compare=False)
-    observations: Mapping[Boundary, Observations] = field(repr=False, compare=False)
-    posterior: pd.DataFrame = field(repr=False, compare=False)
+    trials: pd.DataFrame = field(compare=False)
+    observations: Mapping[Boundary, Observations] = field(compare=False)
+    posterior: pd.DataFrame = field(compare=False)
 
     @property
     def coefficients(self) -> pd.DataFrame:
@@ -478,46 +442,36 @@ class Fit(ByBoundary[BoundaryFit]):
 
     def draws(self, boundary: str, model: str | None = None) -> pd.DataFrame:
         """Posterior draws of the base model, or of another: a draw a row, a parameter a column."""
-        fits = self[boundary]
-        wanted = fits.base_model if model is None else model
-        fits[wanted]  # refuses a model that was not fitted
-        rows = self.posterior[
-            (self.posterior["boundary"] == boundary) & (self.posterior["model"] == wanted)
-        ]
-        if rows.empty:
+        model = model or self[boundary].base_model
+        self[boundary][model]  # refuses a model that was not fitted
+        of_model = (self.posterior["boundary"] == boundary) & (self.posterior["model"] == model)
+        if not of_model.any():
             raise UsageError(
-                f"draws of {wanted}",
+                f"draws of {model}",
                 f"there are none at the {boundary}",
                 "its posterior was not reached: see `notes`",
             )
-        return rows.pivot_table(
+        return self.posterior[of_model].pivot_table(
             index=["chain", "draw"], columns="parameter", values="value", sort=False
         )
 
     def to_lmfit(self, boundary: str, model: str | None = None) -> Any:
         """Coefficients as `lmfit.Parameters`, with bounds, standard errors and correlations."""
-        lmfit = library("lmfit")
-        wanted = self[boundary].base_model if model is None else model
-        fit, declared = self[boundary][wanted], catalogue.model(wanted)
-        parameters = lmfit.Parameters()
+        parameters = library("lmfit").Parameters()
+        model = model or self[boundary].base_model
+        fit = self[boundary][model]
         for name, c in fit.coefficients.items():
-            low, high = declared.parameter(name).bounds
+            low, high = catalogue.model(model).parameter(name).bounds
             parameters.add(name, value=c.value, min=low, max=high)
             parameters[name].stderr = c.u
-        for (a, b), r in _correlations(fit.covariance.names, fit.covariance.values).items():
+        for a, b, r in _correlations(fit.covariance.names, fit.covariance.values):
             if a in parameters and b in parameters:
                 parameters[a].correl = (parameters[a].correl or {}) | {b: r}
                 parameters[b].correl = (parameters[b].correl or {}) | {a: r}
         return parameters
 
     def to_arviz(self, boundary: str, model: str | None = None) -> Any:
-        """Posterior draws as ArviZ's InferenceData.
-
-        Raises
-        ------
-        UsageError
-            ArviZ is not installed.
-        """
+        """Posterior draws as ArviZ's InferenceData; `UsageError` where ArviZ is not installed."""
         try:
             import arviz
         except ImportError:
@@ -527,30 +481,24 @@ class Fit(ByBoundary[BoundaryFit]):
         draws = self.draws(boundary, model)
         chains = [chain.to_numpy().T for _, chain in draws.groupby(level="chain", sort=False)]
         length = min(chain.shape[1] for chain in chains)
+        names = map(str, draws.columns)
         return arviz.from_dict(
-            posterior={
-                str(name): [chain[i, :length] for chain in chains]
-                for i, name in enumerate(draws.columns)
-            }
+            posterior={n: [chain[i, :length] for chain in chains] for i, n in enumerate(names)}
         )
 
     def __str__(self) -> str:
         lines = [self.campaign]
         for at in self:
             fit = at.base
-            lines.append(f"[[{at.boundary}: {fit.title}]]")
             quality = f"chi2/dof = {plain(fit.chi2 / fit.dof, 3)}, dof = {fit.dof}"
+            lines.append(f"[[{at.boundary}: {fit.title}]]")
             lines.append(f"    trials = {fit.n_trials}, {quality}, rmse = {100 * fit.rmse:.2g} %")
             lines += [f"    {coefficient_text(c, name)}" for name, c in fit.coefficients.items()]
             lines += _correlation_lines(fit.covariance.names, fit.covariance.values)
         return "\n".join([*lines, "Not diagnosed; the number to quote is diagnose()'s."])
 
-    def _repr_html_(self) -> str:
-        shown = self.coefficients
-        return _html(self.campaign, shown[shown["base"]].drop(columns="base"), self.remarks)
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
     """Diagnosis of every boundary: ``diagnosis.json``, and the numbers to quote: ``results.json``.
 
@@ -565,9 +513,9 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
         ``loop_residuals.parquet``.
     """
 
-    quoted: Mapping[Boundary, BoundaryResult] = field(repr=False)
-    trials: pd.DataFrame = field(repr=False, compare=False)
-    residuals: pd.DataFrame = field(repr=False, compare=False)
+    quoted: Mapping[Boundary, BoundaryResult]
+    trials: pd.DataFrame = field(compare=False)
+    residuals: pd.DataFrame = field(compare=False)
 
     @property
     def coefficients(self) -> pd.DataFrame:
@@ -576,13 +524,8 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
 
         keys = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit")
         rows = [
-            {
-                "boundary": boundary,
-                "model": result.base_model,
-                "verdict": result.verdict,
-                "effects": " + ".join(result.effects),
-                "coefficient": name,
-            }
+            {"boundary": boundary, "model": result.base_model, "verdict": result.verdict}
+            | {"effects": " + ".join(result.effects), "coefficient": name}
             | {key: getattr(c, key) for key in (*keys, "holds")}
             for boundary, result in self.quoted.items()
             for name, c in result.coefficients.items()
@@ -595,42 +538,17 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
             lines.append(f"[[{boundary}: {catalogue.model(result.base_model).title}]]")
             lines.append(f"    verdict: {claim(result, self.boundaries.get(boundary))}")
             for size in result.sizes:
-                ends = f"90 %: {plain(size.lo90, 3)} to {plain(size.hi90, 3)}"
                 unit = f" {size.unit}" if size.unit != "1" else ""
-                lines.append(
-                    f"    {size.effect}: {size.parameter} = {plain(size.value, 3)}{unit} ({ends})"
-                )
-            if result.error is not None:
-                before, after = (
-                    f"{100 * value:.2g} %" for value in (result.error.before, result.error.after)
-                )
+                value, low, high = (plain(x, 3) for x in (size.value, size.lo90, size.hi90))
+                sized = f"{size.parameter} = {value}{unit} (90 %: {low} to {high})"
+                lines.append(f"    {size.effect}: {sized}")
+            if (error := result.error) is not None:
+                before, after = f"{100 * error.before:.2g} %", f"{100 * error.after:.2g} %"
                 lines.append(f"    cross-validated error: {before} before, {after} after")
             lines += [f"    {coefficient_text(c, name)}" for name, c in result.coefficients.items()]
-            if result.correlation is not None:
-                lines += _correlation_lines(
-                    result.correlation.parameters, result.correlation.values, scaled=True
-                )
+            if (given := result.correlation) is not None:
+                lines += _correlation_lines(given.parameters, given.values)
         return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        shown = self.coefficients[
-            ["boundary", "verdict", "effects", "coefficient", "value", "u", "lo90", "hi90", "holds"]
-        ]
-        return _html(self.campaign, shown, self.remarks)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finished(StudyAnswer):
-    """Finished run: the report, and the stages that ran for it."""
-
-    report: Path
-    ran: tuple[str, ...]
-
-    def _repr_html_(self) -> str:
-        where = self.report.resolve()
-        ran = ", ".join(self.ran) or "nothing: all was up to date"
-        link = f'<a href="{escape(where.as_uri())}">{escape(str(where))}</a>'
-        return f"<p>Report: {link}. Ran: {escape(ran)}.</p>{_details(self.remarks)}"
 
 
 def _entry(entries: Mapping[Any, Entry], key: str, what: str) -> Entry:
@@ -639,33 +557,16 @@ def _entry(entries: Mapping[Any, Entry], key: str, what: str) -> Entry:
     return entries[key]
 
 
-def _correlations(names: Any, values: Any, scaled: bool = False) -> dict[tuple[str, str], float]:
-    """Correlations of pairs, from a covariance, or from a correlation matrix where `scaled`."""
+def _correlations(names: Any, values: Any) -> list[tuple[str, str, float]]:
+    """Correlations of pairs, from a covariance or a correlation matrix, the largest first."""
     import numpy as np
 
     matrix = np.array(values, dtype=float).reshape(len(names), len(names))
-    sd = np.ones(len(names)) if scaled else np.sqrt(np.diag(matrix))
-    return {
-        (names[i], names[j]): float(matrix[i, j] / (sd[i] * sd[j]))
-        for i in range(len(names))
-        for j in range(i)
-    }
+    matrix /= np.sqrt(np.outer(matrix.diagonal(), matrix.diagonal()))
+    pairs = [(names[i], names[j], float(matrix[i, j])) for i in range(len(names)) for j in range(i)]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
-def _correlation_lines(names: Any, values: Any, scaled: bool = False) -> list[str]:
-    correlations = _correlations(names, values, scaled)
-    large = {pair: r for pair, r in correlations.items() if abs(r) > MIN_CORRELATION}
-    ordered = sorted(large, key=lambda pair: -abs(large[pair]))
-    return [f"    C({a}, {b}) = {large[a, b]:+.3f}" for a, b in ordered]
-
-
-def _details(remarks: list[str]) -> str:
-    if not remarks:
-        return ""
-    items = "".join(f"<li>{escape(line)}</li>" for line in remarks)
-    return f"<details><summary>{len(remarks)} remarks</summary><ul>{items}</ul></details>"
-
-
-def _html(title: str, rows: pd.DataFrame, remarks: list[str] | None = None) -> str:
-    table = rows.to_html(index=False, border=0, float_format="{:.4g}".format)
-    return f"<p>{escape(title)}</p>{table}{_details(remarks or [])}"
+def _correlation_lines(names: Any, values: Any) -> list[str]:
+    pairs = _correlations(names, values)
+    return [f"    C({a}, {b}) = {r:+.3f}" for a, b, r in pairs if abs(r) > MIN_CORRELATION]

@@ -1,6 +1,4 @@
-"""The Python interface: the command line's stages, ledger and products, as typed values that show
-themselves in a notebook.
-"""
+"""The Python interface: the command line's stages, ledger and products as typed values."""
 
 from __future__ import annotations
 
@@ -8,8 +6,6 @@ import dataclasses
 import json
 import subprocess
 import sys
-from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -37,22 +33,6 @@ def fit(study: nearlift.Study) -> Fit:
 
 def product(study: nearlift.Study, name: str) -> dict:
     return json.loads((study.processed / name).read_text())
-
-
-class Balanced(HTMLParser):
-    """Every element that is opened is closed."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
 
 
 def test_importing_nearlift_is_cheap():
@@ -97,8 +77,7 @@ def test_a_reduction_is_the_products(study):
     assert list(found.covariance.index[0]) == list(
         found.cells.iloc[0][["boundary", "z_hat", "throttle"]]
     )
-    Balanced(found._repr_html_())
-    assert "112" in found._repr_html_()
+    assert f"ground: 112 trials in {len(found.cells)} cells" in repr(found)
 
 
 def test_a_fit_says_what_fit_json_says(study, fit):
@@ -140,14 +119,12 @@ def test_what_is_not_there_is_refused_with_what_is(study, fit):
         fit.draws("ground", "sanchez_cuevas_published")
 
 
-def test_a_fit_prints_as_a_report_and_shows_a_table(fit):
+def test_a_fit_prints_as_a_report(fit):
     K_b = fit["ground"].base.coefficients["K_b"]
     assert "[[ground: Sanchez-Cuevas]]" in str(fit)
     assert coefficient_text(K_b, "K_b") in str(fit)
     assert len(str(fit).splitlines()) < 40
-    assert repr(fit) == "Fit(campaign='small')"
-    Balanced(fit._repr_html_())
-    assert "<td>K_b</td>" in fit._repr_html_()
+    assert repr(fit) == str(fit)
 
 
 def test_residuals_are_those_of_the_base_model(fit):
@@ -209,8 +186,7 @@ def test_a_diagnosis_says_what_diagnosis_json_says(study):
     assert f"verdict: {at.verdict}" in str(found)
     assert coefficient_text(K_b, "K_b") in str(found)
     assert len(found.residuals) == len(found.trials)
-    Balanced(found._repr_html_())
-    assert at.verdict in found._repr_html_()
+    assert repr(found) == str(found)
 
 
 def test_a_plot_is_a_figure_that_can_be_adjusted(study, tmp_path):
@@ -276,11 +252,4 @@ def test_rejected_trials_and_notes_are_carried(tmp_path):
     (next((raw / "trials").iterdir())).write_bytes(b"")
     found = nearlift.load(raw, tmp_path, executor="serial").reduce()
     assert [reason.split()[0].rstrip(":") for _, reason in found.rejected] == ["EMPTY"]
-    assert "EMPTY" in found._repr_html_()
     assert "EMPTY" in str(found)
-
-
-def test_the_repr_of_a_study_is_its_plan(study, fit):
-    Balanced(study._repr_html_())
-    assert "up to date" in study._repr_html_()
-    assert repr(Path(study.root).name)[1:-1] in repr(study)
