@@ -350,7 +350,7 @@ class Reduction(Answer):
     def __str__(self) -> str:
         lines = [self.campaign]
         for boundary, cells in self.cells.groupby("boundary", sort=False):
-            top = cells.loc[cells["delta_L"].abs().idxmax()]
+            top = cells.iloc[int(cells["delta_L"].abs().argmax())]
             change = plus_minus(100 * top["delta_L"], 100 * top["u_delta_L"])
             lines.append(
                 f"{boundary}: {cells['n_trials'].sum()} trials in {len(cells)} cells, largest ΔL"

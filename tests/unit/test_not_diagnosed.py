@@ -98,7 +98,7 @@ def test_python_answers_with_the_reason_and_draws_nothing(out: Path):
     assert answer["ground"].verdict == NOT_DIAGNOSED
     assert answer["ground"].reason == REASON
 
-    assert REASON in answer._repr_html_()
+    assert REASON in str(answer)
 
 
 def test_a_comparison_counts_it_as_not_diagnosed(out: Path):
