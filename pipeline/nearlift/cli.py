@@ -7,13 +7,11 @@ import functools
 import json
 import os
 import shlex
-import signal
 import sys
-import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -25,21 +23,24 @@ default_to_one_thread()
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from nearlift import terminal  # noqa: E402
-from nearlift.errors import ProductError, UsageError, brief, did_you_mean  # noqa: E402
+from nearlift.errors import ProductError, UsageError, brief  # noqa: E402
 from nearlift.planning.question import ROUNDS, VisitQuestion  # noqa: E402
 from nearlift.printing import say  # noqa: E402
+from nearlift.run.engine import Stage  # noqa: E402
 from nearlift.stages import ORDER, STAGES  # noqa: E402
-from nearlift.terminal import COMPUTES, OPENS, Call  # noqa: E402
+from nearlift.terminal import (  # noqa: E402
+    AFTERWARDS,
+    BEGIN,
+    COMPUTES,
+    LOOK_UP,
+    OPENS,
+    RUN,
+    SINGLE,
+    Call,
+    Commands,
+)
 from nearlift.version import __version__  # noqa: E402
 
-if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
-
-    from nearlift.run.engine import Stage
-
-#: Headings of the list of commands, in its order.
-HEADINGS = ("Begin", "Run", "Single stages, in the order of a run", "Afterwards", "Look up")
-BEGIN, RUN, SINGLE, AFTERWARDS, LOOK_UP = HEADINGS
 #: Formats of `export`: option and file.
 EXPORTS = {
     "netcdf": "posterior.nc: draws of every model, for ArviZ and xarray",
@@ -62,17 +63,18 @@ Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input u
 refused; 5 a fit did not converge; 130 interrupted.
 """
 PATH = click.Path(path_type=Path)
-CAMPAIGN = click.argument("campaign", type=PATH)
-DIALECT = click.option(
+FOLDER = click.Path(path_type=Path, file_okay=False)
+POSITIVE = click.FloatRange(min=0, min_open=True)
+SHARE = click.FloatRange(0, 1)
+campaign_argument = click.argument("campaign", type=PATH)
+dialect_option = click.option(
     "--dialect",
     default="",
     metavar="KEYS",
-    help=(
-        'How to read the text, as [records] dialect in a manifest: \'separator = "semicolon",'
-        ' decimal = ",", encoding = "latin-1"\'.'
-    ),
+    help='How to read the text, as [records] dialect in a manifest: \'separator = "semicolon",'
+    ' decimal = ",", encoding = "latin-1"\'.',
 )
-REGISTRY = click.option(
+registry_option = click.option(
     "--registry",
     type=PATH,
     metavar="FILE",
@@ -80,69 +82,9 @@ REGISTRY = click.option(
 )
 
 
-class Commands(click.Group):
-    """Group whose help lists commands by heading and whose refusals propose a command."""
-
-    def main(self, *args: Any, **extra: Any) -> Any:
-        """Run the command line; an interrupt that is lost in a callback from C is repeated."""
-        before, sys.unraisablehook = sys.unraisablehook, _repeat_interrupt
-        try:
-            return super().main(*args, **extra)
-        finally:
-            sys.unraisablehook = before
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; if there is none of that name, propose one."""
-        try:
-            return super().resolve_command(ctx, args)
-        except click.UsageError as refusal:
-            hint = _proposal(args[0])
-            advice = f"{refusal.message.rstrip('.')}: {hint}" if hint else refusal.message
-            raise click.UsageError(advice, ctx) from None
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List every command with its summary, under its heading."""
-        for heading in HEADINGS:
-            rows = [
-                (f"{name:<12}", (command.help or "").split("\n")[0].rstrip("."))
-                for name, command in self.commands.items()
-                if getattr(command, "heading", "") == heading
-            ]
-            if rows:
-                with formatter.section(heading):
-                    formatter.write_dl(rows)
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names: a run's stages in their order, after all others by name."""
-        return sorted(self.commands.keys() - set(ORDER)) + [n for n in ORDER if n in self.commands]
-
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Complete a name without importing what its command needs."""
-        from click.shell_completion import CompletionItem
-
-        names = [CompletionItem(n) for n in self.list_commands(ctx) if n.startswith(incomplete)]
-        return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
-
-
-def _repeat_interrupt(lost: sys.UnraisableHookArgs) -> None:
-    if issubclass(lost.exc_type, KeyboardInterrupt):
-        heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        again = signal.SIGINT if heard else signal.SIGTERM
-        threading.Timer(0.05, os.kill, (os.getpid(), again)).start()
-    else:
-        sys.__unraisablehook__(lost)
-
-
-def _proposal(word: str) -> str:
-    """Proposal for an unknown command: an option of a stage of this name, or a similar name."""
-    for stage in STAGES:
-        for option in (*stage.options, *stage.question):
-            if option.name == word:
-                value = option.metavar or word.upper()
-                return f"try 'nearlift {stage.name} CAMPAIGN {option.opts[0]} {value}'"
-    return did_you_mean(word, list(main.commands))
+def flag(name: str, help_text: str) -> Callable[[Any], Any]:
+    """Option without a value."""
+    return click.option(name, is_flag=True, help=help_text)
 
 
 @click.group(
@@ -179,17 +121,13 @@ def demo(call: Call) -> None:
 @command(BEGIN, "new raw/my-rig\nnew raw/my-rig --from logs/*.csv")
 @click.argument("folder", type=PATH, metavar="DIR")
 @click.argument("files", nargs=-1, type=PATH)
-@click.option(
+@flag(
     "--from",
-    "given",
-    is_flag=True,
-    help=(
-        "Build the campaign from these files or folders: records and the table that lists them, or"
-        " one table of mean lifts."
-    ),
+    "Build the campaign from these files or folders: records and the table that lists them, or one"
+    " table of mean lifts.",
 )
-@DIALECT
-def new(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect: str) -> None:
+@dialect_option
+def new(call: Call, folder: Path, files: tuple[Path, ...], dialect: str, **given: bool) -> None:
     """Make a campaign folder, empty or from records.
 
     With --from FILES, the folder of a campaign whose records are FILES: those in the folder stay,
@@ -197,13 +135,10 @@ def new(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect:
     """
     from nearlift.onboarding.new import write_from, write_template
 
-    if given != bool(files):
-        raise UsageError(
-            "--from",
-            "names no files" if given else "is missing before the files",
-            "nearlift new DIR --from FILES",
-        )
-    made = write_from(folder, files, dialect_of(dialect)) if given else write_template(folder)
+    if given["from"] != bool(files):
+        what = "names no files" if given["from"] else "is missing before the files"
+        raise UsageError("--from", what, "nearlift new DIR --from FILES")
+    made = write_from(folder, files, dialect_of(dialect)) if files else write_template(folder)
     copied = [path for path in made.written if path.parent != folder]
     lines = [str(path) for path in made.written if path.parent == folder]
     if copied:
@@ -211,24 +146,18 @@ def new(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect:
     lines += [f"note: {note}" for note in made.notes]
     lines += ["still to fill in:", *(f"  {item}" for item in made.fill_in)]
     lines.append(f"then: nearlift run {shlex.quote(str(folder))}")
-    content = {
-        "written": [str(path) for path in made.written],
-        "fill_in": list(made.fill_in),
-        "notes": list(made.notes),
-    }
+    written = [str(path) for path in made.written]
+    content = {"written": written, "fill_in": made.fill_in, "notes": made.notes}
     call.answer(content, "\n".join(lines))
 
 
 @command(BEGIN, "inspect logs/run-1.csv\ninspect --cuts raw/my-rig", ("out",))
 @click.argument("files", type=PATH, nargs=-1, required=True, metavar="FILE...")
-@DIALECT
-@click.option(
+@dialect_option
+@flag(
     "--cuts",
-    is_flag=True,
-    help=(
-        "Instead: cut records by [segments] of the manifest and draw them to"
-        " reports/NAME/segments.png. FILE is a campaign's folder or one of its records."
-    ),
+    "Instead: cut records by [segments] of the manifest and draw them to"
+    " reports/NAME/segments.png. FILE is a campaign's folder or one of its records.",
 )
 def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> None:
     """Show what a file holds, and the lines that read it.
@@ -236,13 +165,13 @@ def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> No
     Channel by channel, with the tables of a manifest that read it: [records] of a record, [piv] of
     a velocity grid, the schedule's units of a table of means.
     """
+    if cuts and dialect:
+        raise UsageError(
+            "--dialect", "was given with --cuts", "write it under [records] of the manifest"
+        )
     if cuts:
         from nearlift.onboarding import cuts as cutting
 
-        if dialect:
-            raise UsageError(
-                "--dialect", "was given with --cuts", "write it under [records] of the manifest"
-            )
         call.answers("campaigns", cutting.answers(files, call.out))
         return
     from nearlift.onboarding import shown
@@ -253,13 +182,7 @@ def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> No
 
 
 def dialect_of(text: str) -> dict[str, object]:
-    """Dialect of ``--dialect``, with or without its braces.
-
-    Raises
-    ------
-    UsageError
-        It is no TOML.
-    """
+    """Dialect of ``--dialect``, with or without its braces; `UsageError` if it is no TOML."""
     from nearlift.campaign import parsing
     from nearlift.errors import ManifestError
 
@@ -277,17 +200,14 @@ def dialect_of(text: str) -> dict[str, object]:
 
 
 @command(BEGIN, "design raw/my-rig --write raw/my-rig/planned.csv", OPENS)
-@CAMPAIGN
+@campaign_argument
 @click.option(
     "--noise-from",
     metavar="NAME",
     help="An earlier campaign under processed/ whose noise floor is expected.",
 )
 @click.option(
-    "--write",
-    type=PATH,
-    metavar="PATH",
-    help="Where the random schedule goes; never over a file.",
+    "--write", type=PATH, metavar="PATH", help="Where the random schedule goes; never over a file."
 )
 def design(call: Call, campaign: Path, noise_from: str | None, write: Path | None) -> None:
     """Plan a campaign: what it can detect, and a schedule.
@@ -314,7 +234,7 @@ data.heading = BEGIN  # type: ignore[attr-defined]
 
 
 @terminal.command(data, BEGIN, "data list", name="list")
-@REGISTRY
+@registry_option
 def list_data(call: Call, registry: Path | None) -> None:
     """List the data sets: quantities, licence, size."""
     from nearlift.datasets.registry import OWN, datasets, described
@@ -327,13 +247,13 @@ def list_data(call: Call, registry: Path | None) -> None:
 @terminal.command(data, BEGIN, "data get pitt-ras-2017", name="get")
 @click.argument("name")
 @click.argument("folder", type=PATH, required=False, metavar="[DIR]")
-@click.option("--trust", is_flag=True, help="Take files without a known digest.")
+@flag("--trust", "Take files without a known digest.")
 @click.option(
     "--cache",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Where fetched files are kept [default: NEARLIFT_CACHE, or the system's].",
 )
-@REGISTRY
+@registry_option
 def get_data(
     call: Call,
     name: str,
@@ -349,17 +269,17 @@ def get_data(
     from nearlift.datasets.fetch import get
     from nearlift.datasets.registry import OWN, dataset
 
-    wanted = dataset(name, registry or OWN)
-    made = get(wanted, folder or Path("raw") / name, trust=trust, cache=cache, say=call.line)
-    then = f"{wanted.next} {made}"
+    chosen = dataset(name, registry or OWN)
+    made = get(chosen, folder or Path("raw") / name, trust=trust, cache=cache, say=call.line)
     content = {
         "campaign": str(made),
-        "licence": wanted.licence,
-        "citation": wanted.citation,
-        "next": then,
+        "licence": chosen.licence,
+        "citation": chosen.citation,
+        "next": f"{chosen.next} {made}",
     }
     call.answer(
-        content, f"{made}\nlicence: {wanted.licence}; cite: {wanted.citation}\nnext: {then}"
+        content,
+        f"{made}\nlicence: {chosen.licence}; cite: {chosen.citation}\nnext: {content['next']}",
     )
 
 
@@ -379,20 +299,13 @@ def get_data(
     metavar="STAGE",
     help=f"Run this stage alone, even if it is up to date: {', '.join(ORDER)}.",
 )
-@click.option("--dry-run", is_flag=True, help="Run nothing; say which stages are stale, and why.")
-@click.option(
+@flag("--dry-run", "Run nothing; say which stages are stale, and why.")
+@flag(
     "--check",
-    is_flag=True,
-    help=(
-        "Run nothing; hash inputs and products, list those that differ from provenance.json,"
-        " and end with 4 if any does."
-    ),
+    "Run nothing; hash inputs and products, list those that differ from provenance.json, and end"
+    " with 4 if any does.",
 )
-@click.option(
-    "--watch",
-    is_flag=True,
-    help="Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.",
-)
+@flag("--watch", "Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.")
 @click.option(
     "--every",
     type=click.FloatRange(min=0.1),
@@ -409,58 +322,46 @@ def get_data(
 )
 @click.option(
     "--until",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="U",
     help="With --next: the coefficient's standard uncertainty at which to stop.",
-)
-@click.option(
-    "--rounds",
-    type=click.FloatRange(0, 1),
-    show_default=str(ROUNDS),
-    metavar="SHARE",
-    help="With --next: of the visits, how many go round all stations.",
 )
 def run(
     call: Call,
     campaigns: tuple[Path, ...],
     only: str | None,
-    dry_run: bool,
-    check: bool,
-    watch: bool,
     every: float,
-    **visits: Any,
+    question: str | None,
+    until: float | None,
+    **modes: bool,
 ) -> None:
     """Run every stage that is not up to date.
 
     Of several campaigns, one after the other, or side by side with processes:N.
     """
-    modes = {"--only": bool(only), "--dry-run": dry_run, "--check": check, "--watch": watch}
-    chosen = [mode for mode, asked in modes.items() if asked]
+    chosen = [f"--{name.replace('_', '-')}" for name, asked in modes.items() if asked]
+    chosen = ["--only", *chosen] if only else chosen
     if len(chosen) > 1:
         raise UsageError(chosen[0], f"was given with {chosen[1]}", "choose one of them")
-    question, until, rounds = visits["question"], visits["until"], visits["rounds"]
-    given = {"--next": question, "--until": until, "--rounds": rounds}
-    first = next((name for name, value in given.items() if value is not None), None)
-    if first and not (watch and question):
-        raise UsageError(
-            first,
-            f"needs {'--watch' if question else '--next'}",
-            "`nearlift next` plans the visits of a finished campaign",
-        )
-    if watch and len(campaigns) > 1:
+    instead = "`nearlift next` plans the visits of a finished campaign"
+    if question and not modes["watch"]:
+        raise UsageError("--next", "needs --watch", instead)
+    if until is not None and not question:
+        raise UsageError("--until", "needs --next", instead)
+    if modes["watch"] and len(campaigns) > 1:
         raise UsageError(
             "--watch",
             f"was given {len(campaigns)} campaigns",
             "watch one; run the others in terminals of their own",
         )
-    if dry_run:
+    if modes["dry_run"]:
         call.answers("campaigns", [_planned(call, campaign) for campaign in campaigns])
-    elif check:
+    elif modes["check"]:
         _check(call, campaigns)
-    elif watch:
-        share = ROUNDS if rounds is None else rounds
-        asked = VisitQuestion.parsed(question, until, share) if question else None
-        _follow(call, campaigns[0], every, asked)
+    elif modes["watch"]:
+        _follow(
+            call, campaigns[0], every, VisitQuestion.parsed(question, until) if question else None
+        )
     elif len(campaigns) == 1:
         terminal.execute(call, campaigns[0], only)
     else:
@@ -482,16 +383,15 @@ def _check(call: Call, campaigns: tuple[Path, ...]) -> None:
     """List files that differ from provenance.json; exit with 4 if any does."""
     from nearlift.run.engine import differences
 
-    answers, any_differs = [], False
+    answers = []
     for campaign in campaigns:
         with call.job(campaign, fresh=True) as job:
             checked, differing = differences(job)
         same = f"{checked - len(differing)} of {checked} files are what they were"
         content = {"campaign": job.campaign.name, "checked": checked, "differing": differing}
         answers.append((content, "\n".join([*differing, same])))
-        any_differs |= bool(differing)
     call.answers("campaigns", answers)
-    if any_differs:
+    if any(content["differing"] for content, _ in answers):
         sys.exit(ProductError.exit_code)
 
 
@@ -519,20 +419,18 @@ def _follow(call: Call, campaign: Path, period_s: float, asked: VisitQuestion | 
     OPENS,
     name="next",
 )
-@CAMPAIGN
+@campaign_argument
 @click.option(
     "--for",
     "question",
     required=True,
     metavar="QUESTION",
-    help=(
-        "A coefficient, such as K_b; separate=A,B for two effects, separate alone for those that"
-        " the diagnosis could not distinguish; drift for the supply against time."
-    ),
+    help="A coefficient, such as K_b; separate=A,B for two effects, separate alone for those that"
+    " the diagnosis could not distinguish; drift for the supply against time.",
 )
 @click.option(
     "--until",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="U",
     help="Say how many more trials bring the coefficient's standard uncertainty to U.",
 )
@@ -545,13 +443,13 @@ def _follow(call: Call, campaign: Path, period_s: float, asked: VisitQuestion | 
 )
 @click.option(
     "--rounds",
-    type=click.FloatRange(0, 1),
+    type=SHARE,
     default=ROUNDS,
     show_default=True,
     metavar="SHARE",
     help="Of the visits, how many go round all stations, whatever the question.",
 )
-@click.option("--csv", "as_csv", is_flag=True, help="Rows for the campaign's schedule instead.")
+@flag("--csv", "Rows for the campaign's schedule instead.")
 def next_visits(
     call: Call,
     campaign: Path,
@@ -559,7 +457,7 @@ def next_visits(
     until: float | None,
     count: int,
     rounds: float,
-    as_csv: bool,
+    csv: bool,
 ) -> None:
     """Propose the next visits.
 
@@ -572,11 +470,11 @@ def next_visits(
     from nearlift.stages import forecasts
 
     asked = VisitQuestion.parsed(question, until, rounds)
-    if as_csv and call.as_json:
+    if csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
     with call.job(campaign) as job, call.busy(f"nearlift: {job.campaign.name}"):
         batches, elsewhere = forecasts.next_visits(job, asked, count)
-        rows = forecasts.next_rows(job, batches) if as_csv else ""
+        rows = forecasts.next_rows(job, batches) if csv else ""
     boundaries = {b.boundary: as_json(b) | {"text": visits.lines(b)} for b in batches}
     call.answer(
         {"campaign": job.campaign.name, "boundaries": boundaries, "notes": elsewhere},
@@ -638,12 +536,12 @@ def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> N
     from nearlift.results.document import as_json
     from nearlift.stages.diagnose import quoted_lifts
 
-    for flag, example, why in (
+    for name, example, why in (
         ("boundary", "ground", "a reading is one of ground, ceiling or sidewall"),
         ("u", "'1 percent'", "a reading has a standard uncertainty"),
     ):
-        if flag not in given:
-            raise UsageError(f"--{flag}", f"is missing: {why}", f"add --{flag} {example}")
+        if name not in given:
+            raise UsageError(f"--{name}", f"is missing: {why}", f"add --{name} {example}")
     fields = {name.removesuffix("_u"): value for name, value in given.items()}
     reading = validated(LiftReading, fields, "nearlift detect")
     with call.job(campaign) as job:
@@ -658,25 +556,25 @@ QUESTIONS = {"diagnose": _explain, "detect": _read_distance}
 def add_stage(group: click.Group, stage: Stage) -> None:
     """Add the command that runs this stage, stale or not, or answers its question."""
 
-    def run_stage(call: Call, campaign: Path, **given: Any) -> None:
-        known = {name: value for name, value in given.items() if value is not None}
-        if any(option.name in known for option in stage.question):
-            QUESTIONS[stage.name](call, campaign, known)
+    def run_stage(call: Call, campaign: Path, **given: object) -> None:
+        asked = {name: value for name, value in given.items() if value is not None}
+        if asked:
+            QUESTIONS[stage.name](call, campaign, asked)
         else:
-            terminal.execute(call, campaign, stage.name, overrides=known)
+            terminal.execute(call, campaign, stage.name)
 
+    summary = stage.summary[0].upper() + stage.summary[1:]
     written = ", ".join(product.file for product in stage.writes)
     text = (
         f"Writes {written}." if written else "",
         stage.help,
         "Runs even if it is up to date; earlier stages must have run.",
     )
-    summary = stage.summary[0].upper() + stage.summary[1:]
     run_stage.__doc__ = f"{summary}.\n\n{' '.join(filter(None, text))}"
-    question = f"\n{stage.name} raw/my-rig {stage.example}" if stage.example else ""
-    example = f"{stage.name} raw/my-rig{question}"
-    options = (*stage.options, *stage.question)
-    terminal.command(group, SINGLE, example, COMPUTES, stage.name, options)(CAMPAIGN(run_stage))
+    example = f"{stage.name} raw/my-rig"
+    example += f"\n{example} {stage.example}" if stage.example else ""
+    made = terminal.command(group, SINGLE, example, COMPUTES, stage.name, stage.question)
+    made(campaign_argument(run_stage))
 
 
 for _stage in STAGES:
@@ -687,7 +585,7 @@ for _stage in STAGES:
 
 
 @command(AFTERWARDS, "explain raw/my-rig supply_sag", OPENS)
-@CAMPAIGN
+@campaign_argument
 @click.argument("effect")
 def explain(call: Call, campaign: Path, effect: str) -> None:
     """Show what this campaign can say about one effect.
@@ -720,15 +618,16 @@ def compare(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None
     call.answer(as_json(compared), "\n".join([*comparison.table(compared), str(plot)]))
 
 
-def _export_options(function: Any) -> Any:
-    for name, meaning in reversed(EXPORTS.items()):
-        function = click.option(f"--{name}", is_flag=True, help=f"{meaning}.")(function)
-    return function
-
-
-@command(AFTERWARDS, "export raw/my-rig --c --netcdf", ("out", "verbose"))
-@CAMPAIGN
-@_export_options
+@command(
+    AFTERWARDS,
+    "export raw/my-rig --c --netcdf",
+    ("out", "verbose"),
+    more=[
+        click.Option([f"--{name}"], is_flag=True, help=f"{meaning}.")
+        for name, meaning in EXPORTS.items()
+    ],
+)
+@campaign_argument
 def export(call: Call, campaign: Path, **formats: bool) -> None:
     """Write the fitted model for other programs: C, Python, JSON.
 
@@ -736,13 +635,13 @@ def export(call: Call, campaign: Path, **formats: bool) -> None:
     """
     from nearlift.stages.export import export
 
-    wanted = tuple(name for name, asked in formats.items() if asked)
-    if not wanted:
+    chosen = tuple(name for name, asked in formats.items() if asked)
+    if not chosen:
         raise UsageError(
             "export", "no format was asked for", f"add {', '.join(f'--{name}' for name in formats)}"
         )
     with call.job(campaign) as job:
-        written = export(job, wanted)
+        written = export(job, chosen)
     call.answer({"campaign": job.campaign.name, "written": written}, "\n".join(written))
 
 

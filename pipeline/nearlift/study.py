@@ -536,7 +536,8 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
         lines = [self.campaign]
         for boundary, result in self.quoted.items():
             lines.append(f"[[{boundary}: {catalogue.model(result.base_model).title}]]")
-            lines.append(f"    verdict: {claim(result, self.boundaries.get(boundary))}")
+            why = f", {result.reason}" if result.reason else ""
+            lines.append(f"    verdict: {claim(result, self.boundaries.get(boundary))}{why}")
             for size in result.sizes:
                 unit = f" {size.unit}" if size.unit != "1" else ""
                 value, low, high = (plain(x, 3) for x in (size.value, size.lo90, size.hi90))

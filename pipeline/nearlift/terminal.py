@@ -5,16 +5,18 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError
+from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, did_you_mean
 from nearlift.printing import printable, say
 from nearlift.rounding import bytes_text
 from nearlift.stages import STAGES
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
 
     from nearlift.run.engine import Job, Stage, Step
 
+#: Headings of the list of commands, in its order.
+HEADINGS = ("Begin", "Run", "Single stages, in the order of a run", "Afterwards", "Look up")
+BEGIN, RUN, SINGLE, AFTERWARDS, LOOK_UP = HEADINGS
 #: Rejected trials listed without -v.
 MAX_REJECTED_LISTED = 10
 #: Window of the estimate of the time left, s; one fold of a diagnosis may take a minute.
@@ -55,6 +60,50 @@ EVERYWHERE = (
     ),
     click.Option(["-q", "--quiet"], is_flag=True, help="Say nothing but errors."),
 )
+
+
+class Commands(click.Group):
+    """Group whose help lists commands by heading and whose refusals propose a command."""
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Run the command line; an interrupt that is lost in a callback from C is repeated."""
+        before, sys.unraisablehook = sys.unraisablehook, _repeat_interrupt
+        try:
+            return super().main(*args, **extra)
+        finally:
+            sys.unraisablehook = before
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; if there is none of that name, propose one."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as refusal:
+            hint = did_you_mean(args[0], list(self.commands))
+            advice = f"{refusal.message.rstrip('.')}: {hint}" if hint else refusal.message
+            raise click.UsageError(advice, ctx) from None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List every command with its summary, under its heading."""
+        for heading in HEADINGS:
+            rows = [
+                (f"{name:<12}", (command.help or "").split("\n")[0].rstrip("."))
+                for name, command in self.commands.items()
+                if getattr(command, "heading", "") == heading
+            ]
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+
+def _repeat_interrupt(lost: sys.UnraisableHookArgs) -> None:
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        again = signal.SIGINT if heard else signal.SIGTERM
+        threading.Timer(0.05, os.kill, (os.getpid(), again)).start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 class Bar:
@@ -97,8 +146,9 @@ class Bar:
 
 @dataclass(kw_only=True)
 class Call:
-    """Settings of a call and its output: progress on a terminal, plain lines elsewhere, nothing
-    when quiet.
+    """Settings of a call and its output.
+
+    Progress is shown on a terminal, as plain lines elsewhere, and not at all when quiet.
     """
 
     out: Path = Path()
@@ -109,16 +159,11 @@ class Call:
     verbose: bool = False
     bar: Bar | None = None
 
-    @property
-    def silent(self) -> bool:
-        """Whether only the answer is printed."""
-        return self.quiet or self.as_json
-
     def line(self, text: str) -> None:
         """Print one line on stderr."""
         if self.bar is not None:
             self.bar.line(text)
-        elif not self.silent:
+        elif not (self.quiet or self.as_json):
             say(text, err=True)
 
     def progress(self, text: str, share: float | None = None, /) -> None:
@@ -131,7 +176,7 @@ class Call:
     @contextlib.contextmanager
     def busy(self, text: str) -> Iterator[None]:
         """Show a progress line while the block runs, on a terminal only."""
-        if self.silent or sys.stderr is None or not sys.stderr.isatty():
+        if self.quiet or self.as_json or sys.stderr is None or not sys.stderr.isatty():
             yield
             return
         self.bar = Bar(text)
@@ -157,16 +202,16 @@ class Call:
         """Open a campaign; see `run.engine.open_job`."""
         from nearlift.run.engine import open_job
 
-        return open_job(
-            campaign,
-            self.out,
-            STAGES,
-            executor,
-            self.seed,
-            say=self.progress,
-            fresh=fresh,
-            planned=planned,
-        )
+        given = (campaign, self.out, STAGES, executor, self.seed)
+        return open_job(*given, say=self.progress, fresh=fresh, planned=planned)
+
+    def end(self, refusal: NearliftError, code: int, text: str) -> NoReturn:
+        """Print a refusal and exit."""
+        if self.as_json:
+            where = {"where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}
+            say(json.dumps({"exit_code": code, **where}))
+        say(text, err=True)
+        sys.exit(code)
 
 
 def command(
@@ -175,7 +220,7 @@ def command(
     example: str,
     settings: tuple[str, ...] = (),
     name: str | None = None,
-    more: tuple[click.Option, ...] = (),
+    more: Sequence[click.Option] = (),
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     r"""Make a function a command with the contract's exit codes.
 
@@ -194,7 +239,7 @@ def command(
         Keys of `SETTINGS` that do something in this command.
     name : str, optional
         Name, unless it is the function's.
-    more : tuple of click.Option
+    more : sequence of click.Option
         Options that the function gets as well.
     """
     options = [*(SETTINGS[key] for key in settings), *EVERYWHERE]
@@ -210,21 +255,18 @@ def command(
                     call.out = workspace(given.get("campaigns") or given.get("files") or one)
                 function(call=call, **given)
             except NearliftError as refusal:
-                end(call, refusal, refusal.exit_code, f"error: {refusal}")
+                call.end(refusal, refusal.exit_code, f"error: {refusal}")
             except (KeyboardInterrupt, click.Abort):
-                stopped = NearliftError(
-                    "nearlift",
-                    "interrupted",
-                    "finished products remain, and the same command continues from there",
-                )
-                end(call, stopped, INTERRUPTED, f"{stopped.what}; {stopped.remedy}")
+                remedy = "finished products remain, and the same command continues from there"
+                stopped = NearliftError("nearlift", "interrupted", remedy)
+                call.end(stopped, INTERRUPTED, f"{stopped.what}; {remedy}")
             except BrokenPipeError:
                 raise
             except OSError as fault:
                 what = (fault.strerror or str(fault)).lower()
                 remedy = "check that it exists, its permissions, and the space on the disk"
                 failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
-                end(call, failed, failed.exit_code, f"error: {failed}")
+                call.end(failed, failed.exit_code, f"error: {failed}")
 
         registered = group.command(name or function.__name__, epilog=f"\b\n{calls}")(guarded)
         registered.params.extend((*more, *options))
@@ -232,15 +274,6 @@ def command(
         return function
 
     return made
-
-
-def end(call: Call, refusal: NearliftError, code: int, text: str) -> NoReturn:
-    """Print a refusal and exit."""
-    if call.as_json:
-        said = {"where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}
-        say(json.dumps({"exit_code": code, **said}))
-    say(text, err=True)
-    sys.exit(code)
 
 
 def workspace(campaigns: Iterable[Path]) -> Path:
@@ -258,34 +291,24 @@ def end_politely() -> None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
-def execute(
-    call: Call,
-    campaign: Path,
-    only: str | None = None,
-    overrides: Mapping[str, object] | None = None,
-) -> NoReturn:
-    """Run the stale stages of a campaign, or `only` one, and exit with the contract's code.
-
-    `overrides` replace keys of the manifest's section of that stage's name.
-    """
+def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
+    """Run the stale stages of a campaign, or `only` one, and exit with the contract's code."""
     from nearlift.run import engine
 
     end_politely()
     if call.executor.startswith("dask"):
-        execute_many(call, (campaign,), only, overrides)
+        execute_many(call, (campaign,), only)
     wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)
     steps: list[Step] = []
     with call.job(campaign, call.executor) as job:
-        before = _text(job.reports / "summary.txt")
-        if only is not None and overrides:
-            job = job.overriding(only, overrides)
+        report, summary = job.reports / "index.html", job.reports / "summary.txt"
+        before = summary.read_text(encoding="utf-8") if summary.is_file() else ""
 
         def begin(stage: Stage, why: str) -> None:
-            size = sum(size for size, _ in job.stamps.values())
-            held = f"; {len(job.stamps)} files with {bytes_text(size)}"
-            call.line(
-                f"{stage.name:<8} {stage.summary} ({why}{held if stage.name == 'ingest' else ''})"
-            )
+            if stage.name == "ingest":
+                size = bytes_text(sum(size for size, _ in job.stamps.values()))
+                why = f"{why}; {len(job.stamps)} files with {size}"
+            call.line(f"{stage.name:<8} {stage.summary} ({why})")
             if call.bar is not None:
                 call.bar.show(stage.name)
 
@@ -296,71 +319,54 @@ def execute(
                 for note in step.outcome.notes:
                     call.line(f"  note: {note}")
                 steps.append(step)
-        report = job.reports / "index.html"
     rejected = [trial for step in steps for trial in step.outcome.rejected]
     _list_rejected(call, rejected)
     code = SOME_TRIALS_REJECTED if rejected else 0
-    if call.as_json:
-        content = {
-            "campaign": job.campaign.name,
-            "exit_code": code,
-            "report": str(report) if report.is_file() else None,
-            "stages": [
-                {
-                    "stage": step.stage.name,
-                    "why": step.why,
-                    "notes": step.outcome.notes,
-                    "rejected": step.outcome.rejected,
-                    "wall_s": step.wall_s,
-                }
-                for step in steps
-            ],
-        }
-        say(json.dumps(content))
-    elif report.is_file() and not call.quiet and wanted[-1].report:
-        if summary := _text(report.with_name("summary.txt")):
-            call.line("\n" + summary)
-        if summary and summary == before:
-            call.line("unchanged since the last run")
-        say(str(report))
+    stages = [
+        {"stage": step.stage.name, "why": step.why, "notes": step.outcome.notes}
+        | {"rejected": step.outcome.rejected, "wall_s": step.wall_s}
+        for step in steps
+    ]
+    content = {"campaign": job.campaign.name, "exit_code": code, "report": None, "stages": stages}
+    text = ""
+    if report.is_file():
+        content["report"] = str(report)
+        if wanted[-1].report:
+            after = summary.read_text(encoding="utf-8")
+            call.line(f"\n{after}")
+            if after == before:
+                call.line("unchanged since the last run")
+            text = str(report)
+    if call.as_json or text:
+        call.answer(content, text)
     sys.exit(code)
-
-
-def _text(path: Path) -> str:
-    """Text of a file; empty where there is none."""
-    return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
 def _list_rejected(call: Call, rejected: Sequence[tuple[str, str]]) -> None:
     if not rejected:
         return
     call.line(f"{len(rejected)} trial{'s' * (len(rejected) > 1)} rejected:")
-    for trial, reason in rejected if call.verbose else rejected[:MAX_REJECTED_LISTED]:
+    shown = rejected if call.verbose else rejected[:MAX_REJECTED_LISTED]
+    for trial, reason in shown:
         call.line(f"  {trial}: {reason}")
-    if len(rejected) > MAX_REJECTED_LISTED and not call.verbose:
-        call.line(f"  ... and {len(rejected) - MAX_REJECTED_LISTED} more (-v lists all)")
+    if len(rejected) > len(shown):
+        call.line(f"  ... and {len(rejected) - len(shown)} more (-v lists all)")
 
 
-def execute_many(
-    call: Call,
-    campaigns: Sequence[Path],
-    only: str | None = None,
-    overrides: Mapping[str, object] | None = None,
-) -> NoReturn:
+def execute_many(call: Call, campaigns: Sequence[Path], only: str | None = None) -> NoReturn:
     """Run several campaigns, going on after a refusal; exit with the most serious code."""
     from nearlift.run.campaigns import most_serious, run_campaigns
     from nearlift.stages import looks
 
     ends = []
-    with call.busy(f"nearlift: {len(campaigns)} campaigns"):
+    many = f"{len(campaigns)} campaigns"
+    with call.busy(f"nearlift: {many}"):
         for one in run_campaigns(
-            campaigns, call.out, STAGES, call.executor, call.seed, looks.verdicts, only, overrides
+            campaigns, call.out, STAGES, call.executor, call.seed, looks.verdicts, only
         ):
             call.line(f"{one.campaign:<24}{one.words}")
             ends.append(one)
-            call.progress(
-                f"nearlift: {len(ends)} of {len(campaigns)} campaigns", len(ends) / len(campaigns)
-            )
+            call.progress(f"nearlift: {len(ends)} of {many}", len(ends) / len(campaigns))
     if call.as_json:
         say(json.dumps({"campaigns": [asdict(one) for one in ends]}))
     sys.exit(most_serious(ends))

@@ -159,15 +159,6 @@ def test_without_a_ledger_everything_is_stale(place, content):
     assert stale(place) == dict.fromkeys(EVERY, "has not run yet")
 
 
-def test_an_option_of_the_command_line_holds_once(place):
-    one = job(place / "raw", place)
-    given = one.overriding("fit", {"ess": 500, "sampler": None})
-    assert next(why for stage, why in engine.plan(given) if stage.name == "fit") == (
-        "option --ess has changed"
-    )
-    assert one.overriding("fit", {"ess": None}) == one
-
-
 def test_what_a_finished_stage_said_is_said_again(place):
     """Rejections and notes of a stage that need not run come from the ledger."""
     record = sorted((place / "raw" / "trials").glob("*.csv"))[5]

@@ -181,7 +181,6 @@ def test_ctrl_c_ends_it_with_130_and_products_stand(recording, tmp_path, monkeyp
         (["--next", "K_b"], "--next needs --watch"),
         (["--until", "0.05"], "--until needs --next"),
         (["--watch", "--until", "0.05"], "--until needs --next"),
-        (["--watch", "--rounds", "0.2"], "--rounds needs --next"),
     ],
 )
 def test_a_question_is_for_who_watches(tmp_path, words, told):
@@ -196,9 +195,8 @@ def test_what_is_to_be_planned_is_asked_at_each_look(monkeypatch, tmp_path):
         "nearlift.run.watch.watch", lambda *given: asked.append(given[5].args[0]) or []
     )
     words = ["--watch", "--next", "K_b", "--until", "0.05"]
-    for more in ([], ["--rounds", "0.2"]):
-        assert small_run.nearlift("run", tmp_path, *words, *more).exit_code == 0
-    assert asked == [VisitQuestion.parsed("K_b", 0.05), VisitQuestion.parsed("K_b", 0.05, 0.2)]
+    assert small_run.nearlift("run", tmp_path, *words).exit_code == 0
+    assert asked == [VisitQuestion.parsed("K_b", 0.05)]
 
 
 def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):

@@ -70,32 +70,6 @@ def test_the_table_holds_every_model_and_fit_json_says_how(done):
         )
 
 
-def test_the_command_line_overrides_the_draws_once(done, tmp_path):
-    raw, out = done
-    asked = ask(raw, tmp_path, "ground = { rivals = [] }")
-    again = tmp_path / "out"
-    shutil.copytree(out, again)
-    assert small_run.nearlift("fit", asked, "--out", again, "--ess", "300").exit_code == 0
-    said = json.loads((products(again) / FIT.file).read_text())["boundaries"]["ground"][
-        "sanchez_cuevas"
-    ]["posterior"]
-    assert said["sampler"] == "emcee"
-    assert said["ess"] >= 300
-    assert said["parameters"]["K_b"]["ess_tail"] >= 150
-    recorded = json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
-    assert recorded["overrides"] == {"ess": 300}
-    assert (
-        "was last run with --ess 300"
-        in small_run.nearlift("run", "--dry-run", asked, "--out", again).stdout
-    )
-    assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "gibbs").exit_code == 2
-    assert small_run.nearlift("fit", asked, "--out", again).exit_code == 0
-    assert (
-        "overrides"
-        not in json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
-    )
-
-
 def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
     raw, out = done
     asked = ask(

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from tests.unit import small_run
 
 from nearlift import schedule
-from nearlift.cli import QUESTIONS, Commands, add_stage, main
+from nearlift.cli import QUESTIONS, add_stage, main
 from nearlift.describe import stages_page
 from nearlift.report.figures import budget
 from nearlift.report.registry import declared
@@ -26,6 +26,7 @@ from nearlift.stages import STAGES
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.ingest import TRIALS
+from nearlift.terminal import Commands
 
 HEIGHTS = Product(
     file="heights.parquet",
@@ -40,7 +41,6 @@ WEIGH = Stage(
     reads=(TRIALS,),
     writes=(HEIGHTS,),
     sections=("vehicle",),
-    options=(click.Option(["--most"], type=click.IntRange(1, 9), help="Of how many."),),
     question=(click.Option(["--ask"], help="Instead."),),
 )
 
@@ -53,9 +53,7 @@ def test_a_declared_stage_has_a_command_with_its_options(monkeypatch):
     text = CliRunner().invoke(command, ["--help"]).output
     assert "Trials to heights." in text
     assert "Writes heights.parquet. Runs even if it is up to date" in text
-    assert "--most INTEGER RANGE" in text
-    assert "[1<=x<=9]" in text
-    assert CliRunner().invoke(command, ["x", "--most", "10"]).exit_code == 2
+    assert "--ask TEXT" in text
     assert CliRunner().invoke(command, ["x", "--ask", "why"]).output == "x {'ask': 'why'}\n"
 
 
@@ -71,14 +69,12 @@ def test_every_stage_is_on_the_command_line_and_on_its_page(stage):
     assert f"| `{stage.name}` | {stage.summary} |" in stages_page()
 
 
-def test_sections_and_options_are_those_of_the_manifest(tmp_path):
+def test_sections_are_those_of_the_manifest(tmp_path):
     campaign = small_run.job(small_run.write(tmp_path / "raw"), tmp_path).campaign
     known = set(type(campaign).model_fields)
     for stage in STAGES:
         assert set(stage.sections) <= known
         assert not stage.where or hasattr(campaign, stage.where)
-        for option in stage.options:
-            assert option.name in type(getattr(campaign, stage.name)).model_fields
     assert {"trials"} <= {*stage_of(STAGES, "fit").sections} & {
         *stage_of(STAGES, "diagnose").sections
     }

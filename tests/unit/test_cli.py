@@ -21,13 +21,13 @@ import pytest
 from click.testing import CliRunner
 
 from nearlift.campaign import manifest as manifests
-from nearlift.cli import HEADINGS, main
+from nearlift.cli import main
 from nearlift.errors import ManifestError
 from nearlift.run import engine, tables
 from nearlift.stages import ORDER, STAGES
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
-from nearlift.terminal import COMPUTES, OPENS, SETTINGS
+from nearlift.terminal import COMPUTES, HEADINGS, OPENS, SETTINGS
 
 from . import small_run, written
 from .small_run import nearlift, state
@@ -518,7 +518,6 @@ def test_settings_are_offered_where_they_do_something():
 @pytest.mark.parametrize(
     ("word", "hint"),
     [
-        ("ratio", "try 'nearlift detect CAMPAIGN --ratio RATIO'"),
         ("inspct", "did you mean 'inspect'?"),
         ("explian", "did you mean 'explain'?"),
     ],

@@ -6,7 +6,7 @@ import contextlib
 import functools
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +56,6 @@ def run_campaigns(
     seed: int,
     words: Callable[[Job], str],
     only: str | None = None,
-    overrides: Mapping[str, object] | None = None,
 ) -> Iterator[End]:
     """Run each campaign, or one stage of each, in the order given; ends come as they are known.
     `words` are those of a campaign that is done.
@@ -80,7 +79,6 @@ def run_campaigns(
         seed=seed,
         words=words,
         only=only,
-        overrides=overrides or {},
     )
     if kind == "dask" and address:
         yield from on_cluster(address, task, places)
@@ -107,7 +105,6 @@ def run_one(
     seed: int,
     words: Callable[[Job], str],
     only: str | None,
-    overrides: Mapping[str, object],
 ) -> End:
     """Run one campaign; a refusal is an answer like any other."""
     name, ran, rejected, start = str(root), list[str](), 0, time.perf_counter()
@@ -115,9 +112,7 @@ def run_one(
         wanted = None if only is None else (engine.stage_of(stages, only),)
         with engine.open_job(root, out, stages, executor, seed) as job:
             name = job.campaign.name
-            for step in engine.run(
-                job.overriding(only, overrides) if only else job, wanted, force=only is not None
-            ):
+            for step in engine.run(job, wanted, force=only is not None):
                 rejected += len(step.outcome.rejected)
                 ran += [step.stage.name] if step.why else []
             parts = (

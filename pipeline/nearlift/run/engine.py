@@ -105,8 +105,6 @@ class Stage:
         digests of all.
     where : str
         It belongs to a run only where the campaign has this section.
-    options : tuple of click.Option
-        Of its command; each takes the place of a key of the manifest's section of the stage's name.
     question : tuple of click.Option
         Options with which the command answers a question instead of running the stage.
     example : str
@@ -125,7 +123,6 @@ class Stage:
     inputs: Callable[[Path, Campaign], Inputs] | None = None
     report: bool = False
     where: str = ""
-    options: tuple[click.Option, ...] = ()
     question: tuple[click.Option, ...] = ()
     example: str = ""
     chapter: StageChapter | None = None
@@ -221,8 +218,6 @@ class Job:
         Size and time of last change of each raw file.
     sections : mapping of str to str
         Digests of the manifest's sections.
-    overrides : mapping of str to object
-        Values that the command line put in place of the manifest's, by option.
     pending : dict of str to (bytes or None), or None
         Files of the stage that runs, None for one to be removed. Outside stages it is None, and
         each file is written at once.
@@ -240,7 +235,6 @@ class Job:
     sections: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
     say: Say = silent
-    overrides: Mapping[str, object] = field(default_factory=dict)
     pending: dict[str, bytes | None] | None = None
 
     def place(self, name: str) -> Path:
@@ -268,13 +262,6 @@ class Job:
     def _content(self, file: str) -> bytes:
         written = (self.pending or {}).get(f"processed/{file}")
         return tables.product_bytes(self.processed / file) if written is None else written
-
-    def overriding(self, section: str, given: Mapping[str, object]) -> Job:
-        """The job with keys of one section of the manifest replaced; None leaves a key."""
-        known = {k: v for k, v in given.items() if v is not None}
-        changed = getattr(self.campaign, section).model_copy(update=known) if known else None
-        campaign = self.campaign.model_copy(update={section: changed}) if known else self.campaign
-        return replace(self, campaign=campaign, overrides=known)
 
     def read(self, product: Product) -> tables.Table:
         """A table product of this campaign."""
@@ -449,7 +436,6 @@ def material(job: Job, stage: Stage) -> dict[str, str]:
     return {
         "nearlift itself": code_digest(),
         **{f"version of {package}": version for package, version in versions().items()},
-        **{f"option --{name}": str(value) for name, value in job.overrides.items()},
         **{f"[{name}] of the manifest": job.sections[name] for name in stage.sections},
         **{name: job.inputs[name] for name in raw},
         **{p.file: tables.sha256_if_any(job.processed / p.file) for p in stage.reads},

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import click
-
 from nearlift.errors import InputRefused
 from nearlift.run import tables
 from nearlift.run.engine import Job, Outcome, Stage, subprogress
@@ -144,11 +142,4 @@ STAGE = Stage(
     reads=(TRIALS,),
     writes=(FIT, PROFILES, POSTERIOR, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit"),
-    options=(
-        click.Option(
-            ["--ess"],
-            type=click.IntRange(100, 1_000_000),
-            help="Effective draws, instead of the manifest's [fit] ess, this once.",
-        ),
-    ),
 )
