@@ -339,8 +339,9 @@ def run(
 
     Of several campaigns, one after the other, or side by side with processes:N.
     """
-    chosen = [f"--{name.replace('_', '-')}" for name, asked in modes.items() if asked]
-    chosen = ["--only", *chosen] if only else chosen
+    # click gives them in the order in which they were written
+    chosen = ["--only"] if only else []
+    chosen += [f"--{name.replace('_', '-')}" for name in ("dry_run", "check", "watch") if modes[name]]
     if len(chosen) > 1:
         raise UsageError(chosen[0], f"was given with {chosen[1]}", "choose one of them")
     instead = "`nearlift next` plans the visits of a finished campaign"
