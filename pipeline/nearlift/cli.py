@@ -341,7 +341,9 @@ def run(
     """
     # click gives them in the order in which they were written
     chosen = ["--only"] if only else []
-    chosen += [f"--{name.replace('_', '-')}" for name in ("dry_run", "check", "watch") if modes[name]]
+    chosen += [
+        f"--{name.replace('_', '-')}" for name in ("dry_run", "check", "watch") if modes[name]
+    ]
     if len(chosen) > 1:
         raise UsageError(chosen[0], f"was given with {chosen[1]}", "choose one of them")
     instead = "`nearlift next` plans the visits of a finished campaign"
