@@ -307,7 +307,7 @@ def trials(
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Answer:
+class StudyAnswer:
     """Answer of a study, printed as a report.
 
     Attributes
@@ -329,7 +329,7 @@ class Answer:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Reduction(Answer):
+class Reduction(StudyAnswer):
     """Trials reduced to cells.
 
     Attributes
@@ -363,7 +363,7 @@ class Reduction(Answer):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ByBoundary(Answer, Generic[Entry]):
+class ByBoundary(StudyAnswer, Generic[Entry]):
     """Answer with an entry for each boundary: ground, ceiling, sidewall."""
 
     boundaries: Mapping[Boundary, Entry]
