@@ -1,9 +1,7 @@
-"""Make again what docs/garofano-soldado.md shows: ``python docs/worked/garofano_soldado.py TABLE
-OUT``.
+"""Make the figures of docs/garofano-soldado.md: ``python docs/worked/garofano_soldado.py TABLE``.
 
-TABLE is the published thrust_vs_height.csv; OUT takes the two campaigns made of it and their
-products. Figures and numbers go to docs/figures and docs/worked/garofano_soldado.json; the data
-stay where they are.
+TABLE is the published thrust_vs_height.csv. Numbers go to docs/worked/garofano_soldado.json; the
+data stay where they are.
 """
 
 import json
@@ -13,12 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from click.testing import CliRunner
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from nearlift.cli import main
-from nearlift.datasets.garofano_soldado import read_table, write_table
+from nearlift.datasets.garofano_soldado import read_table
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, context
 
 HERE = Path(__file__).resolve().parent
@@ -76,34 +72,6 @@ def fit(at: dict[str, Any], model: str) -> tuple[float, int, np.ndarray]:
         lambda t: (t[0] * curve(at["z"], *t[1:]) - at["force"]) / at["sd"], [at["far"], *start]
     )
     return 2 * found.cost, len(at["z"]) - 1 - len(start), found.x
-
-
-def run(table: Path, out: Path) -> dict[str, Any]:
-    """Both campaigns through the loop; what it found."""
-    told = {}
-    for name, along_axes in (("garofano-soldado", False), ("garofano-soldado-axes", True)):
-        folder = out / name
-        if not folder.exists():
-            write_table(table, folder, along_axes=along_axes, name=name)
-        answer = CliRunner().invoke(main, ["run", str(folder), "--out", str(out), "-q"])
-        assert answer.exit_code == 0, answer.output
-        d = json.loads((out / "processed" / name / "diagnosis.json").read_text())["boundaries"][
-            "ground"
-        ]
-        told[name] = {
-            "verdict": d["verdict"],
-            "partial": d.get("partial"),
-            "structure": {s["covariate"]: s["p_value"] for s in d["structure"] if s["significant"]},
-            "error": d["error"],
-            "k": d["coefficients"]["after"]["k"],
-            "best_left": [
-                {k: c[k] for k in ("name", "gain", "left_in")}
-                for r in d["rounds"]
-                for c in r["candidates"][:3]
-            ],
-            "untestable": [u["effect"] for u in d["untestable"]],
-        }
-    return told
 
 
 def draw_models(found: list[dict[str, Any]], look: Any) -> Figure:
@@ -233,8 +201,7 @@ def save(figure: Figure, name: str) -> None:
 
 
 if __name__ == "__main__":
-    table, out = Path(sys.argv[1]), Path(sys.argv[2])
-    found = configurations(table)
+    found = configurations(Path(sys.argv[1]))
     look = Style()
     with context(look):
         save(draw_models(found, look), "garofano-models")
@@ -252,6 +219,4 @@ if __name__ == "__main__":
         }
         for c in found
     ]
-    (HERE / "garofano_soldado.json").write_text(
-        json.dumps({"configurations": rows, "loop": run(table, out)}, indent=1) + "\n"
-    )
+    (HERE / "garofano_soldado.json").write_text(json.dumps(rows, indent=1) + "\n")
