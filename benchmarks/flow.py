@@ -60,14 +60,14 @@ def nan(_: Path) -> dict[str, float]:
 
 
 def moments(_: Path) -> dict[str, float]:
-    from nearlift.flow.average import BATCH, Moments
+    from nearlift.flow.average import Moments
 
     holed = stack(0.01)
 
     def accumulate() -> None:
         found = Moments(holed.shape[1])
-        for i in range(0, len(holed), BATCH):
-            found.add(holed[i : i + BATCH])
+        for row in holed:
+            found.add(row)
 
     return timed(accumulate)
 

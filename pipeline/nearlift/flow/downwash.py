@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.flow.average import Average, series_tau
+from nearlift.flow.average import Average, correlation_time
 from nearlift.flow.field import Scene, VelocityField, has_flipped_component, is_transposed
 from nearlift.results import Estimate
 
@@ -214,7 +214,7 @@ def _noise(
     means = np.where(present, away, 0.0) @ share
     seen = present @ share
     lifted = means / math.sqrt(max(float(np.mean(seen)), 1e-9))
-    tau = series_tau(lifted)
+    tau = correlation_time(lifted[:, None])
     return float(np.sqrt(np.var(lifted, ddof=1) * tau / n)), n / tau
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,27 +13,35 @@ from numpy.typing import NDArray
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.piv import Piv, PivCase
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow import downwash
-from nearlift.flow.case import FlowCase, recorded
-from nearlift.flow.downwash import Cut, check_plausible, wake_speed_m_s
-from nearlift.flow.field import Scene, VelocityField
+from nearlift.flow.average import Average, average
+from nearlift.flow.downwash import Cut, CutDownwash, along_cut
+from nearlift.flow.field import Scene, VelocityField, mirrored, spurious
+from nearlift.flow.topology import WakeTopology, wake_topology
+from nearlift.results import Estimate
 
+Row = dict[str, object]
 Table = dict[str, NDArray[Any]]
 #: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
 #: only.
 USUAL_DENSITY = 1.2
+#: Files between two reports of progress.
+REPORTED = 25
+#: Share of a case's files that may be refused.
+MAX_REFUSED = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wakes:
     """Wakes of all cases, as rows of the products, and facts of how they were averaged."""
 
-    downwash: list[dict[str, object]]
-    topology: list[dict[str, object]]
+    downwash: list[Row]
+    topology: list[Row]
     profiles: list[Table]
     fields: list[Table]
-    facts: dict[str, object]
+    facts: Row
     notes: tuple[str, ...]
 
 
@@ -53,6 +60,46 @@ class Fields(Protocol):
         """The fields."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """Averaged fields of one case.
+
+    `series` (n, nx) is the downwash along the cut of each field, `outliers` the share of vectors
+    left out as spurious. `measured` (nx,) are the columns that were measured, not mirrored.
+    """
+
+    name: str
+    z_hat: float
+    scene: Scene
+    cut: Cut
+    mean: Average
+    series: FloatArray
+    outliers: float
+    measured: NDArray[np.bool_]
+    stream: Fields
+
+    def through(self, stagnant: NDArray[np.bool_] | None = None) -> dict[str, CutDownwash]:
+        """Cuts beneath each measured rotor, by its place, and beneath all of them."""
+        series = np.where(self.measured, self.series, np.nan)
+        each = {str(self.scene.rotors_m.index(c)): (c,) for c in self.cut.centres_m}
+        return {
+            rotor: downwash.measure(
+                self.mean, series, replace(self.cut, centres_m=centres), self.scene, stagnant
+            )
+            for rotor, centres in (each | {"all": self.cut.centres_m}).items()
+        }
+
+    @property
+    def place(self) -> Row:
+        """The columns that say where it was taken."""
+        return {
+            "case": self.name,
+            "boundary": self.scene.boundary,
+            "z_hat": self.z_hat,
+            "tilt_rad": self.scene.tilt_rad,
+        }
+
+
 def wakes(
     campaign: Campaign,
     fields_of: Callable[[PivCase], Fields],
@@ -64,103 +111,220 @@ def wakes(
         raise ManifestError(
             "piv", "is missing", "list velocity grids under [piv], or leave this stage out"
         )
-    first = sorted(piv.case, key=lambda c: c.name != piv.control)
-    cases = {
-        c.name: _measured(campaign, piv, c, fields_of(c), partial(_say_part, say, i, len(first)))
-        for i, c in enumerate(first)
-    }
-    control = cases[piv.control]
-    reference = control.cuts["all"].value
-    ordered = [cases[c.name].described(reference) for c in piv.case]
-    downwashes = [row for case in ordered for row in case.downwash_rows(control)]
-    topologies = [row for case in ordered for row in case.topology_rows()]
-    notes = [f"{c.name}: {file} left out: {why}" for c in ordered for file, why in c.refused]
-    for code, meaning in downwash.WARNINGS.items():
-        named = [c.name for c in ordered if code in c.cuts["all"].warnings]
-        if named:
-            notes.append(f"{meaning} ({len(named)} of {len(ordered)} cases: {', '.join(named)})")
+    recordings = {}
+    for i, case in enumerate(sorted(piv.case, key=lambda c: c.name != piv.control)):
+
+        def say_part(text: str, share: float, i: int = i) -> None:
+            say(text, (i + share) / len(piv.case))
+
+        recordings[case.name] = _recorded(campaign, piv, case, fields_of(case), say_part)
+    control = recordings[piv.control].through()
+    reference = control["all"].value
+    cuts_rows: list[Row] = []
+    topologies: list[Row] = []
+    facts: dict[str, Row] = {}
+    profiles, nodes, notes, warned = [], [], [], dict[str, list[str]]()
+    for case in piv.case:
+        recording = recordings[case.name]
+        wake, stagnant = None, None
+        if recording.scene.boundary == "ground":
+            wake = wake_topology(recording.mean.mean, recording.scene, reference)
+            stagnant = wake.stagnation.nodes
+            topologies.append(_topology_row(recording, wake))
+        cuts = recording.through(stagnant)
+        cuts_rows += _downwash_rows(recording, cuts, control, case.name == piv.control)
+        profiles.append(_profile(recording))
+        nodes.append(_nodes(recording, stagnant))
+        facts[case.name] = _facts(recording, wake)
+        notes += [f"{case.name}: {f} left out: {why.what}" for f, why in recording.stream.refused]
+        for code in cuts["all"].warnings:
+            warned.setdefault(code, []).append(case.name)
+    notes += [
+        f"{meaning} ({len(warned[code])} of {len(piv.case)} cases: {', '.join(warned[code])})"
+        for code, meaning in downwash.WARNINGS.items()
+        if code in warned
+    ]
     return Wakes(
-        downwash=downwashes,
+        downwash=cuts_rows,
         topology=topologies,
-        profiles=[case.profile() for case in ordered],
-        fields=[case.nodes() for case in ordered],
-        facts={
-            "control": piv.control,
-            "reference_m_s": reference,
-            "cases": {c.name: c.facts() for c in ordered},
-        },
+        profiles=profiles,
+        fields=nodes,
+        facts={"control": piv.control, "reference_m_s": reference, "cases": facts},
         notes=tuple(notes),
     )
 
 
-def _say_part(
-    say: Callable[[str, float], None], i: int, count: int, text: str, share: float
-) -> None:
-    say(text, (i + share) / count)
-
-
-def _measured(
+def _recorded(
     campaign: Campaign,
     piv: Piv,
-    spec: PivCase,
+    case: PivCase,
     stream: Fields,
     say: Callable[[str, float], None],
-) -> FlowCase:
-    """One pass over the files of a case."""
-    vehicle, where = campaign.vehicle, f"piv case {spec.name!r}"
-    radius, z_hat = vehicle.rotor_radius, math.inf if spec.z_hat is None else spec.z_hat
-    files = stream.files
-    half = piv.setting(spec, "mirror")
-    rotors = tuple(piv.setting(spec, "rotors"))
+) -> Recording:
+    """One pass over the files of a case: spurious vectors go, a measured half is mirrored."""
+    vehicle, where = campaign.vehicle, f"piv case {case.name!r}"
+    radius, z_hat = vehicle.rotor_radius, math.inf if case.z_hat is None else case.z_hat
+    half, rotors = piv.setting(case, "mirror"), tuple(piv.setting(case, "rotors"))
+    below, files = piv.below or 2 * radius, len(stream.files)
+    series: list[FloatArray] = []
+    wrong_of = np.zeros(2)
+
+    def fields() -> Iterator[VelocityField]:
+        for field in stream:
+            if len(series) % REPORTED == 0:
+                say(f"flow {case.name}: {len(series)} of {files} files", len(series) / files)
+            wrong = spurious(field.vx_m_s, field.vy_m_s, piv.outliers)
+            wrong_of[:] += wrong.sum(), field.valid.sum()
+            vx, vy = (np.where(wrong, np.nan, v) for v in (field.vx_m_s, field.vy_m_s))
+            whole = replace(field, vx_m_s=vx, vy_m_s=vy)
+            whole = whole if half is None else mirrored(whole, half)
+            series.append(along_cut(whole.vy_m_s, whole.y_m, below))
+            yield whole
+
+    try:
+        mean = average(fields(), where)
+    except InputRefused as refusal:
+        raise (stream.refused[0][1] if stream.refused and not series else refusal) from None
+    if len(stream.refused) > MAX_REFUSED * files:
+        raise InputRefused(
+            where,
+            f"{len(stream.refused)} of {files} files are refused",
+            str(stream.refused[0][1]),
+        )
     scene = Scene(
-        boundary=spec.boundary,
+        boundary=case.boundary,
         distance_m=z_hat * radius,
-        tilt_rad=spec.tilt,
+        tilt_rad=case.tilt,
         rotors_m=rotors,
         radius_m=radius,
     )
-    below = piv.below or 2 * radius
-    read = 0
-
-    def fields() -> Iterator[VelocityField]:
-        nonlocal read
-        for one in stream:
-            if read % 25 == 0:
-                say(f"flow {spec.name}: {read} of {len(files)} files", read / len(files))
-            read += 1
-            yield one
-
-    try:
-        recording = recorded(fields(), where, threshold=piv.outliers, half=half, below_m=below)
-    except InputRefused as refusal:
-        raise (stream.refused[0][1] if stream.refused and not read else refusal) from None
-    if len(stream.refused) > 0.5 * len(files):
-        raise InputRefused(
-            where,
-            f"{len(stream.refused)} of {len(files)} files are refused",
-            str(stream.refused[0][1]),
-        )
-    mean = recording.mean.mean
-    measured = tuple(c for c in rotors if half is None or (c > 0) == (half == "right")) or rotors
     cut = Cut(
         below_m=below,
         half_span_m=piv.half_span or radius,
-        centres_m=measured,
-        u_position_m=piv.u_position or mean.dx_m / math.sqrt(12),
+        centres_m=tuple(c for c in rotors if half is None or (c > 0) == (half == "right"))
+        or rotors,
+        u_position_m=piv.u_position or mean.mean.dx_m / math.sqrt(12),
         u_scale=piv.u_scale,
     )
-    rig = campaign.rig
-    density = rig.air_density or USUAL_DENSITY
-    expected = wake_speed_m_s(vehicle.mass, rig.gravity, density, vehicle.rotors, radius)
-    check_plausible(mean, scene, cut, expected, where)
-    x = mean.x_m
-    return FlowCase(
-        name=spec.name,
+    density = campaign.rig.air_density or USUAL_DENSITY
+    expected = downwash.wake_speed_m_s(
+        vehicle.mass, campaign.rig.gravity, density, vehicle.rotors, radius
+    )
+    downwash.check_plausible(mean.mean, scene, cut, expected, where)
+    x = mean.mean.x_m
+    return Recording(
+        name=case.name,
         z_hat=z_hat,
         scene=scene,
-        recording=recording,
         cut=cut,
-        measured=np.ones(len(x), dtype=bool) if half is None else (x >= -1e-9) == (half == "right"),
-        files=len(files),
-        refused=[(file, refusal.what) for file, refusal in stream.refused],
-    ).cut_through()
+        mean=mean,
+        series=np.stack(series),
+        outliers=float(wrong_of[0] / max(wrong_of[1], 1)),
+        measured=np.full(len(x), True) if half is None else (x >= -1e-9) == (half == "right"),
+        stream=stream,
+    )
+
+
+# ---- rows of the products
+
+
+def _downwash_rows(
+    recording: Recording,
+    cuts: Mapping[str, CutDownwash],
+    control: Mapping[str, CutDownwash],
+    is_control: bool,
+) -> Iterator[Row]:
+    """Rows of downwash.parquet."""
+    for rotor, d in cuts.items():
+        less = downwash.reduction(d, control.get(rotor, control["all"]))
+        if is_control:
+            less = Estimate(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
+        yield recording.place | {
+            "rotor": rotor,
+            "below_m": recording.cut.below_m,
+            "half_span_m": recording.cut.half_span_m,
+            "downwash_m_s": d.value,
+            "u_downwash_m_s": d.u,
+            "u_noise_m_s": d.u_noise,
+            "u_mask_m_s": d.u_mask,
+            "u_position_m_s": d.u_position,
+            "u_span_m_s": abs(d.span),
+            "u_scale_m_s": d.u_scale,
+            "covered": d.covered,
+            "n_fields": recording.mean.n,
+            "n_eff": d.n_eff,
+            "clearance_hat": d.clearance_hat,
+            "reduction": less.value,
+            "u_reduction": less.u,
+            "reduction_lo90": less.lo90,
+            "reduction_hi90": less.hi90,
+            "warnings": " ".join(d.warnings),
+        }
+
+
+def _profile(recording: Recording) -> Table:
+    """Columns of downwash_profile.parquet."""
+    moments, mean, below = recording.mean, recording.mean.mean, recording.cut.below_m
+    return {
+        "case": np.full(len(mean.x_m), recording.name, dtype=object),
+        "x_m": mean.x_m,
+        "downwash_m_s": along_cut(mean.vy_m_s, mean.y_m, below),
+        "u_downwash_m_s": np.abs(along_cut(moments.u_y, mean.y_m, below)),
+        "mirrored": (~recording.measured).astype(np.int64),
+    }
+
+
+def _nodes(recording: Recording, stagnant: NDArray[np.bool_] | None) -> Table:
+    """Columns of flow_fields.parquet."""
+    moments, mean = recording.mean, recording.mean.mean
+    xx, yy = np.meshgrid(mean.x_m, mean.y_m)
+    still = np.zeros(mean.shape, bool) if stagnant is None else stagnant
+    grids = {
+        "x_m": xx,
+        "y_m": yy,
+        "z_m": recording.scene.height_m(xx, yy),
+        "vx_m_s": mean.vx_m_s,
+        "vy_m_s": mean.vy_m_s,
+        "u_vx_m_s": moments.u_x,
+        "u_vy_m_s": moments.u_y,
+        "sd_vx_m_s": np.sqrt(moments.var_x),
+        "sd_vy_m_s": np.sqrt(moments.var_y),
+        "count": moments.count.astype(np.int64),
+        "stagnant": still.astype(np.int64),
+        "mirrored": np.broadcast_to(~recording.measured, mean.shape).astype(np.int64),
+    }
+    return {"case": np.full(xx.size, recording.name, dtype=object)} | {
+        name: grid.ravel() for name, grid in grids.items()
+    }
+
+
+def _topology_row(recording: Recording, wake: WakeTopology) -> Row:
+    """Row of flow_topology.parquet."""
+    turns = [v.circulation_m2_s > 0 for v in wake.vortices]
+    zone, r = wake.stagnation, recording.scene.radius_m
+    return {k: recording.place[k] for k in ("case", "z_hat", "tilt_rad")} | {
+        "vortices_ccw": sum(turns),
+        "vortices_cw": len(turns) - sum(turns),
+        "stagnation_area_hat2": zone.area_m2 / r**2,
+        "stagnation_height_hat": zone.height_m / r,
+        # a mirrored half leans to neither side by construction
+        "jets": wake.jets if recording.measured.all() else "",
+    }
+
+
+def _facts(recording: Recording, wake: WakeTopology | None) -> Row:
+    """Block of a case in flow.json."""
+    moments = recording.mean
+    return {
+        **recording.place,
+        "files": len(recording.stream.files),
+        "fields": moments.n,
+        "left_out": [{"file": file, "reason": why.what} for file, why in recording.stream.refused],
+        "outliers": recording.outliers,
+        "vectors": float(np.mean(moments.count / moments.n)),
+        "mirrored": not bool(recording.measured.all()),
+        "tau_fields": moments.tau,
+        "convergence": moments.convergence,
+        "rotors_m": recording.scene.rotors_m,
+        "vortices": [] if wake is None else list(map(asdict, wake.vortices)),
+    }
