@@ -636,6 +636,7 @@ def locked(job: Job) -> Iterator[None]:
             for unfinished in folder.rglob(f".*{tables.UNFINISHED}"):
                 unfinished.unlink(missing_ok=True)
         yield
+        file.truncate(0)
 
 
 def differences(job: Job) -> tuple[int, list[str]]:
