@@ -171,24 +171,18 @@ def test_every_boundary_has_its_own_visits(small_job):
     assert all(len(of.visits) == 4 and of.parts for of in found)
 
 
-def test_one_throttle_is_enough(make_job):
-    ((found,), _) = next_visits(job_of(make_job, throttles=(0.5,)), VisitQuestion.parsed("K_b"))
-    # 19 trials: too few for a diagnosis
-    assert "too few" in found.notes[0]
-    assert found.throttles == 1
+@pytest.mark.parametrize(
+    ("given", "throttles"),
+    [({"throttles": (0.5,)}, 1), ({"levels": {"by": "curve", "of": ["throttle"], "degree": 2}}, 4)],
+    ids=["one throttle", "a curve of lift"],
+)
+def test_any_levels_can_be_planned_for(make_job, given, throttles):
+    ((found,), _) = next_visits(job_of(make_job, **given), VisitQuestion.parsed("K_b"), 3)
+    assert found.throttles == throttles
     assert found.after < found.now
-
-
-def test_a_curve_of_lift_is_planned_for_at_its_throttles(make_job):
-    job = job_of(make_job, levels={"by": "curve", "of": ["throttle"], "degree": 2})
-    ((found,), _) = next_visits(job, VisitQuestion.parsed("K_b"), 3)
-    assert found.throttles == 4
-    assert found.after < found.now
-
-
-def test_a_table_of_means_is_told_what_to_fill_in(make_job):
-    ((found,), _) = next_visits(job_of(make_job), VisitQuestion.parsed("K_b"), 2)
     assert any("fill in the mean lift" in note for note in found.notes)
+    # 19 trials at one throttle are too few for a diagnosis
+    assert ("too few" in found.notes[0]) == (throttles == 1)
 
 
 def test_a_quoted_uncertainty_of_another_kind_is_told(make_job):

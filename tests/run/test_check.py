@@ -32,9 +32,8 @@ def test_check_finds_what_is_not_what_it_was(tmp_path):
     "content",
     [
         {},
-        {"inputs": [], "stages": {}},
-        {"inputs": {"a": 1}, "stages": {}},
-        {"inputs": {}, "stages": {"fit": 3}},
+        {"schema": "nearlift.provenance/1", "inputs": {"a": 1}},
+        {"schema": "nearlift.provenance/1", "stages": {"fit": 3}},
     ],
 )
 def test_check_refuses_a_provenance_that_nearlift_does_not_write(tmp_path, content):

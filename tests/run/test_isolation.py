@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 
 from nearlift import compiler, isolation
-from nearlift.run.workers import open_executor
 
 
 @pytest.fixture
@@ -101,13 +100,6 @@ def test_without_a_folder_numba_keeps_nothing(monkeypatch):
     function = compiler.compiled(twice)
     assert function(2) == 4
     assert not function.stats.cache_path
-
-
-def test_the_environment_is_as_it_was_after_a_process_has_started(monkeypatch):
-    monkeypatch.delenv(isolation.SAFE_PATH, raising=False)
-    with open_executor("processes:1") as pool:
-        assert pool.submit(os.getenv, isolation.SAFE_PATH).result() == "1"
-        assert isolation.SAFE_PATH not in os.environ
 
 
 POOL = """
