@@ -259,14 +259,9 @@ class Job:
         elif self.place(name).is_file():
             self.pending[name] = None
 
-    def _content(self, file: str) -> bytes:
-        written = (self.pending or {}).get(f"processed/{file}")
-        return tables.product_bytes(self.processed / file) if written is None else written
-
     def read(self, product: Product) -> tables.Table:
-        """A table product of this campaign."""
-        where = str(self.processed / product.file)
-        return tables.table_of(self._content(product.file), product, where)
+        """A table product of this campaign, as an earlier stage left it."""
+        return tables.read_table(self.processed / product.file, product)
 
     def write(self, product: Product, table: tables.Table) -> None:
         """Write a table product of this campaign."""
@@ -278,7 +273,7 @@ class Job:
 
     def read_json(self, product: Product) -> dict[str, Any]:
         """A JSON product of this campaign."""
-        return tables.json_of(self._content(product.file), str(self.processed / product.file))
+        return tables.read_json(self.processed / product.file)
 
     def write_json(self, product: Product, content: object) -> None:
         """Write a JSON product of this campaign."""
@@ -286,7 +281,7 @@ class Job:
 
     def load(self, kind: type[tables.Loaded]) -> tables.Loaded:
         """A JSON product of this campaign as its type."""
-        return tables.loaded(self._content(kind.file), kind, str(self.processed / kind.file))
+        return tables.load(self.processed / kind.file, kind)
 
     def save(self, result: tables.Saved) -> None:
         """Write a JSON product of this campaign."""

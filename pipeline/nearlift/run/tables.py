@@ -5,7 +5,6 @@ Each file is written whole or not at all, and read back only if it is what was w
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import json
@@ -171,25 +170,26 @@ def product_bytes(path: Path) -> bytes:
             "is missing",
             "run the stage that writes it (`nearlift run --dry-run CAMPAIGN` says which)",
         ) from None
-    with contextlib.suppress(OSError):
-        ledger = path.with_name(LEDGER)
-        stated = _stated(ledger, ledger.stat().st_mtime_ns, ledger.stat().st_ino)
-        if digest_of(content) != stated.get(f"processed/{path.name}", digest_of(content)):
-            raise ProductError(
-                str(path), "is damaged: it was changed after it was written", RUN_AGAIN
-            )
+    stated = {} if path.name == LEDGER else stated_digests(path.with_name(LEDGER))
+    if digest_of(content) != stated.get(f"processed/{path.name}", digest_of(content)):
+        raise ProductError(str(path), "is damaged: it was changed after it was written", RUN_AGAIN)
     return content
 
 
-@functools.lru_cache(maxsize=16)
-def _stated(ledger: Path, *_: int) -> Mapping[str, str]:
+def stated_digests(ledger: Path) -> Mapping[str, str]:
     """Digests of products by name, as provenance.json has them; none where it is damaged."""
+    try:
+        status = ledger.stat()
+        return _outputs(ledger, status.st_mtime_ns, status.st_ino)
+    except (OSError, ProductError):
+        return {}
+
+
+@functools.lru_cache(maxsize=16)
+def _outputs(ledger: Path, *_: int) -> Mapping[str, str]:
     from nearlift.results.provenance import ProvenanceLedger
 
-    try:
-        return loaded(ledger.read_bytes(), ProvenanceLedger, str(ledger)).outputs
-    except ProductError:
-        return {}
+    return load(ledger, ProvenanceLedger).outputs
 
 
 # ---- tables
@@ -246,29 +246,26 @@ def read_table(path: Path, product: Product) -> Table:
     ProductError
         The file is missing, damaged, or of another schema.
     """
-    return table_of(product_bytes(path), product, str(path))
-
-
-def table_of(content: bytes, product: Product, where: str) -> Table:
-    """A table from its bytes."""
     import numpy as np
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(pa.BufferReader(content), page_checksum_verification=True)
+        table = pq.read_table(pa.BufferReader(product_bytes(path)), page_checksum_verification=True)
         stated = (table.schema.metadata or {}).get(b"schema", b"none").decode()
         columns = {name: np.array(table[name]) for name in table.column_names}
     except (pa.ArrowException, OSError, ValueError) as fault:
-        raise ProductError(where, f"is damaged: {str(fault).splitlines()[0]}", RUN_AGAIN) from None
-    _require_schema(where, stated, product.schema)
+        raise ProductError(
+            str(path), f"is damaged: {str(fault).splitlines()[0]}", RUN_AGAIN
+        ) from None
+    _require_schema(path, stated, product.schema)
     return columns
 
 
-def _require_schema(where: str, stated: object, schema: str) -> None:
+def _require_schema(path: Path, stated: object, schema: str) -> None:
     if stated != schema:
         raise ProductError(
-            where,
+            str(path),
             f"has schema {stated}, not {schema}",
             "it was written by another version: run again",
         )
@@ -284,38 +281,27 @@ def json_bytes(content: object) -> bytes:
     return document.json_bytes(content) + b"\n"
 
 
-def json_of(content: bytes, where: str) -> dict[str, Any]:
-    """A JSON product from its bytes; raises `ProductError` where they are damaged."""
-    try:
-        read = json.loads(content)
-    except ValueError as fault:
-        raise ProductError(where, f"is damaged: {fault}", RUN_AGAIN) from None
-    if not isinstance(read, dict):
-        raise ProductError(where, "is not a JSON object", RUN_AGAIN)
-    return read
-
-
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON product; raises `ProductError` where it is missing or damaged."""
-    return json_of(product_bytes(path), str(path))
-
-
-def loaded(content: bytes, kind: type[Loaded], where: str) -> Loaded:
-    """A JSON product as its type, from its bytes."""
-    from nearlift.results.document import typed
-
-    read = json_of(content, where)
-    _require_schema(
-        where, read.get("schema", "none"), f"nearlift.{kind.file.removesuffix('.json')}/1"
-    )
-    return typed(kind, read, where)
+    try:
+        read = json.loads(product_bytes(path))
+    except ValueError as fault:
+        raise ProductError(str(path), f"is damaged: {fault}", RUN_AGAIN) from None
+    if not isinstance(read, dict):
+        raise ProductError(str(path), "is not a JSON object", RUN_AGAIN)
+    return read
 
 
 def load(path: Path, kind: type[Loaded]) -> Loaded:
     """A JSON product as its type; raises `ProductError` where it is missing, damaged or of another
     schema.
     """
-    return loaded(product_bytes(path), kind, str(path))
+    from nearlift.results.document import typed
+
+    read = read_json(path)
+    schema = f"nearlift.{kind.file.removesuffix('.json')}/1"
+    _require_schema(path, read.get("schema", "none"), schema)
+    return typed(kind, read, str(path))
 
 
 def load_if_whole(path: Path, otherwise: Loaded) -> Loaded:
@@ -329,6 +315,6 @@ def load_if_whole(path: Path, otherwise: Loaded) -> Loaded:
 def read_json_if_whole(path: Path) -> dict[str, Any]:
     """A JSON file that can be made again; empty where it is missing or damaged."""
     try:
-        return json_of(path.read_bytes(), str(path))
+        return read_json(path)
     except (ProductError, OSError):
         return {}

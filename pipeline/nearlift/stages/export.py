@@ -14,10 +14,11 @@ from nearlift.campaign.manifest import boundaries_of
 from nearlift.flight.export.model_export import ModelExport, exported, json_schema
 from nearlift.flight.export.source import c_header, python_module
 from nearlift.results.document import as_json
+from nearlift.results.fit import FitResults
 from nearlift.run import tables
 from nearlift.run.engine import Job
 from nearlift.stages.diagnose import quoted_lifts
-from nearlift.stages.fit import write_netcdf
+from nearlift.stages.fit import POSTERIOR, write_netcdf
 from nearlift.stages.ingest import TRIALS
 from nearlift.version import __version__
 
@@ -67,7 +68,7 @@ def write_json(job: Job) -> str:
 
 #: Writer of each format, which returns the path.
 FORMATS: dict[str, Callable[[Job], str]] = {
-    "netcdf": write_netcdf,
+    "netcdf": lambda job: write_netcdf(job, job.read(POSTERIOR), job.load(FitResults)),
     "c": write_c,
     "document": write_json,
     "python": write_python,

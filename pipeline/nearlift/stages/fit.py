@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from nearlift.errors import InputRefused
 from nearlift.run import tables
 from nearlift.run.engine import Job, Outcome, Stage, subprogress
 from nearlift.run.tables import Product, integer, real, text
 from nearlift.stages.ingest import TRIALS
+
+if TYPE_CHECKING:
+    from nearlift.results.fit import FitResults
 
 FIT = Product(
     file="fit.json", title="Fits: least squares and posterior", row="boundary, then model"
@@ -96,34 +101,33 @@ def run(job: Job) -> Outcome:
             say=steps,
         )
         begun += len(chosen)
-    job.write(POSTERIOR, tables.stacked(POSTERIOR, [t for f in fits.values() for t in f.draws]))
+    draws = tables.stacked(POSTERIOR, [t for f in fits.values() for t in f.draws])
+    job.write(POSTERIOR, draws)
     job.write(PROFILES, tables.stacked(PROFILES, [t for f in fits.values() for t in f.profiles]))
-    job.save(
-        FitResults(
-            base={b: f.base for b, f in fits.items()},
-            noise={b: f.noise for b, f in fits.items()},
-            boundaries={b: f.fits for b, f in fits.items()},
-            comparison={b: f.comparison for b, f in fits.items()},
-            failed={b: f.failed for b, f in fits.items() if f.failed},
-            throttle_collapse={b: f.throttle_collapse for b, f in fits.items()},
-            held_quantity={b: f.held_quantity for b, f in fits.items()},
-            rotor_coefficient={b: f.rotor_coefficient for b, f in fits.items()},
-            influence={b: f.influence for b, f in fits.items()},
-        )
+    results = FitResults(
+        base={b: f.base for b, f in fits.items()},
+        noise={b: f.noise for b, f in fits.items()},
+        boundaries={b: f.fits for b, f in fits.items()},
+        comparison={b: f.comparison for b, f in fits.items()},
+        failed={b: f.failed for b, f in fits.items() if f.failed},
+        throttle_collapse={b: f.throttle_collapse for b, f in fits.items()},
+        held_quantity={b: f.held_quantity for b, f in fits.items()},
+        rotor_coefficient={b: f.rotor_coefficient for b, f in fits.items()},
+        influence={b: f.influence for b, f in fits.items()},
     )
+    job.save(results)
     job.save(Results(boundaries={b: f.quoted for b, f in fits.items()}))
     if job.campaign.fit.netcdf:
-        write_netcdf(job)
+        write_netcdf(job, draws, results)
     else:
         # draws of an earlier fit would be taken for this one's
         job.remove("processed/posterior.nc")
     return Outcome(notes=tuple(note for f in fits.values() for note in f.notes))
 
 
-def write_netcdf(job: Job) -> str:
+def write_netcdf(job: Job, draws: tables.Table, results: FitResults) -> str:
     """Write posterior.nc; returns its path."""
     from nearlift.fit import netcdf
-    from nearlift.results.fit import FitResults
     from nearlift.version import __version__
 
     about = {
@@ -131,7 +135,7 @@ def write_netcdf(job: Job) -> str:
         "campaign": job.campaign.name,
         "data_sha256": tables.sha256(job.processed / TRIALS.file),
     }
-    content = netcdf.content(job.read(POSTERIOR), job.load(FitResults), about)
+    content = netcdf.content(draws, results, about)
     return str(job.put(f"processed/{netcdf.FILE}", content))
 
 
