@@ -71,6 +71,7 @@ def spoken(text: str) -> str:
     """
     text = re.sub(r"\b(?:alpha|gamma|lambda_)(?!\w)", lambda m: letter(m[0]), titled(text))
     text = re.sub(r"\balong (\w+)", lambda m: f"along {along(m[1])}", text)
+    text = re.sub(r"\b(order_in_visit|previous_[a-z]+(_N)?)\b", lambda m: along(m[0]), text)
     return text.replace("z_hat", "ẑ").replace(" %", "\N{NO-BREAK SPACE}%")
 
 

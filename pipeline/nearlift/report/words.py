@@ -616,6 +616,10 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         steps += _logging(diagnosis) if quoted.verdict == "unexplained" else []
         return " ".join(map(sentence, steps))
     steps = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
+    if steps and evidence.observations[boundary].z_hat.max() < NEAR_HAT:
+        steps[-1] += f", in new visits, one at z_hat = {FAR_HAT:g} or more for lift in free air"
+    elif steps and visit and visit.z_hat is not None:
+        steps.append(f"add visits around z_hat = {plain(visit.z_hat, 2)}")
     done: set[str] = set()
     for pair in [n.separates for n in diagnosis.next_experiment[:1]] if diagnosis else []:
         # no feasible session distinguishes them, but what one of them acts through may be logged
@@ -624,10 +628,6 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         if columns:
             steps.append(f"log {listed(columns)}, to distinguish {_against(pair)}")
             done |= {*columns}
-    if steps and evidence.observations[boundary].z_hat.max() < NEAR_HAT:
-        steps[-1] += f", in new visits, one at z_hat = {FAR_HAT:g} or more for lift in free air"
-    elif steps and visit and visit.z_hat is not None:
-        steps.append(f"add visits around z_hat = {plain(visit.z_hat, 2)}")
     more: list[str] = []
     if quoted.verdict == "unexplained":
         # an input's error does not explain structure
@@ -688,10 +688,11 @@ def _logging(
     if not words:
         return []
     names = [titled(name) for name in diagnosis.untestable] if diagnosis else []
+    logged = listed([w.replace("_", " ") for w in words])
     if len(names) > 2:
-        return [f"log {listed(words)}: {len(names)} more effects become testable"]
+        return [f"log {logged}: {len(names)} more effects become testable"]
     become = "becomes" if len(names) == 1 else "become"
-    return [f"log {listed(words)}" + (f": {listed(names)} {become} testable" if names else "")]
+    return [f"log {logged}" + (f": {listed(names)} {become} testable" if names else "")]
 
 
 def _unlogged(columns: Sequence[str], evidence: Evidence, boundary: Boundary) -> list[str]:

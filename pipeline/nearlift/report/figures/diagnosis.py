@@ -439,7 +439,8 @@ def _draw_residual(ax: Axes, rows: pd.DataFrame, look: Style, labelled: bool) ->
     binning.abscissa(ax, covariate, np.unique(means["x"]).tolist(), look)
     if not lone:
         head = {"throttle_percent": "throttle"}.get(str(rows["note"].iloc[0]))
-        ax.legend(title=head, ncols=len(names), columnspacing=0.7, handlelength=1.1)
+        paper: Look = {"frameon": True, "framealpha": 0.85, "edgecolor": "none"}
+        ax.legend(title=head, ncols=len(names), columnspacing=0.7, handlelength=1.1, **paper)
 
 
 def _draw_candidates(ax: Axes, rows: pd.DataFrame) -> None:
