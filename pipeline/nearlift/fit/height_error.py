@@ -44,10 +44,14 @@ def standard_m(parts: Iterable[Component]) -> float:
     return float(np.sqrt(sum(part.standard**2 for part in parts)))
 
 
+def room_m(model: LiftModel, data: Observations) -> float:
+    """Largest error towards the boundary, m, by which no trial is moved through it."""
+    return CLOSEST * data.radius_m * (float(data.z_hat.min()) - model.valid_z_hat[0])
+
+
 def limits_m(model: LiftModel, data: Observations, standard: float) -> tuple[float, float]:
     """Least and greatest height error, m: no trial is moved through the boundary."""
-    room = data.radius_m * (float(data.z_hat.min()) - model.valid_z_hat[0])
-    return max(-FARTHEST * standard, -CLOSEST * room), FARTHEST * standard
+    return max(-FARTHEST * standard, -room_m(model, data)), FARTHEST * standard
 
 
 def bends(problem: Problem, theta: FloatArray, standard: float) -> bool:

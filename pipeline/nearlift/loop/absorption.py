@@ -28,7 +28,7 @@ def unidentifiable_coefficients(
     """
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(problem.theta)), axis=1))
-    places, station = np.unique(problem.as_recorded.z_hat, return_inverse=True)
+    places, station = np.unique(problem.data.z_hat, return_inverse=True)
     absorbing = []
     gain = next(
         e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive

@@ -33,7 +33,7 @@ def _floor_missed(problem: SearchProblem, scored: HeldOut | None) -> list[str]:
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     # of a declared error as much is free as the trials tell of it
     declared = problem.space.project(declared_errors(problem).T)
-    free = problem.data.unknown_levels + len(problem.theta) + np.sum(declared**2)
+    free = problem.data.unknown_levels + len(problem.start) + np.sum(declared**2)
     left = misfit(problem, problem.noise, scored, scored.before)
     beyond = np.bincount(visit, left - 1 - free / max(problem.data.n - free, 1))
     blocks = len(beyond)
@@ -58,7 +58,10 @@ def _strained(problem: SearchProblem) -> list[str]:
     # a fit of few visits leaves the declared errors out of its covariance
     problem = dataclasses.replace(problem, independent=False)
     absorbed, reasons = orthonormal(problem.base_fit.jacobian), []
-    for part in problem.parts:
+    error = problem.base_fit.datum_chi2**0.5
+    if error > norm.isf(STRAY / 2):
+        reasons.append(f"the distance datum is off by {error:.2g} of its stated standard uncertainties")
+    for part in problem.linear_parts:
         columns = budget.columns(problem.data, part, problem.slope)
         if not columns.shape[1]:
             continue

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, Prior, compose
 from nearlift.likelihood.problem import needed
 from nearlift.likelihood.subspace import cosines
+from nearlift.loop.datum import DATUM
 from nearlift.loop.families import indicators
 from nearlift.results import IntArray, Observations
 
@@ -46,11 +47,14 @@ class Slot:
 class Candidate:
     """The base model with effects that may explain its residual; `data` has its derived covariates
     and `lift_inf_N`.
+
+    `datum` is the stated zero error of the distance, whose parameter follows the base model's.
     """
 
     base: LiftModel
     effects: tuple[Effect, ...]
     data: Observations
+    datum: Effect | None = None
     session_spread: float = 1.0
 
     @property
@@ -61,12 +65,14 @@ class Candidate:
     @cached_property
     def model(self) -> LiftModel:
         """The composed lift model."""
-        return _composed(self.base, *self.effects) if self.effects else self.base
+        parts = (*filter(None, (self.datum,)), *self.effects)
+        return _composed(self.base, *parts) if parts else self.base
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
         """Layout of the flat vector, the base model's parameters first."""
-        owner = {p.name: e.name for e in self.effects for p in e.parameters}
+        parts = (*filter(None, (self.datum,)), *self.effects)
+        owner = {p.name: e.name for e in parts for p in e.parameters}
         slots, at = [], 0
         for p in self.model.parameters:
             width = int(self.data.session.max()) + 1 if p.per == "session" else 1
@@ -137,7 +143,7 @@ class Candidate:
                 mean[s.start : s.stop], sd[s.start : s.stop] = moments(s.parameter)
                 if s.parameter.per == "session":
                     sd[s.start : s.stop] *= self.session_spread
-                elif not s.parameter.grid:
+                elif not s.parameter.grid and s.effect != DATUM:
                     sd[s.start : s.stop] *= WIDE
         return mean, sd
 
@@ -145,6 +151,11 @@ class Candidate:
     def by_session(self) -> NDArray[np.bool_]:
         """Mask of the entries that differ by session, (P,)."""
         return self._each(lambda s: s.parameter.per == "session") > 0
+
+    @cached_property
+    def at_datum(self) -> NDArray[np.bool_]:
+        """Mask of the zero error of the distance, (P,)."""
+        return self._each(lambda s: s.effect == DATUM) > 0
 
     def entries(self, wanted: Callable[[Slot], bool]) -> IntArray:
         """Indices of the entries of some slots."""
@@ -196,7 +207,7 @@ class Candidate:
 
     def sizes(self) -> IntArray:
         """Indices of the effects' entries that are not shapes."""
-        return self.entries(lambda s: s.effect != "" and not s.parameter.grid)
+        return self.entries(lambda s: s.effect not in ("", DATUM) and not s.parameter.grid)
 
     def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
         """Contribution of one effect to log lift at `vector`, (n,); 0 where there is no value."""

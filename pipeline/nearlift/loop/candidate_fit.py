@@ -43,9 +43,16 @@ class Fitted:
         return bool(np.any(((value <= low[sizes]) | (value >= high[sizes])) & (value != null)))
 
     @property
+    def datum_chi2(self) -> float:
+        """Squared zero error of the distance over its stated uncertainty."""
+        candidate = self.candidate
+        mean, sd = candidate.prior
+        return float(np.sum((((self.vector - mean) / sd)[candidate.at_datum]) ** 2))
+
+    @property
     def chi2(self) -> float:
-        """Sum of squared whitened residuals."""
-        return float(np.sum(self.residual**2))
+        """Sum of squared whitened residuals, and that of the zero error of the distance."""
+        return float(np.sum(self.residual**2)) + self.datum_chi2
 
     @property
     def point(self) -> Point:
@@ -55,7 +62,7 @@ class Fitted:
     @property
     def cost(self) -> float:
         """Objective that the fit minimises."""
-        return self.chi2 + self.penalty
+        return float(np.sum(self.residual**2)) + self.penalty
 
 
 def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:

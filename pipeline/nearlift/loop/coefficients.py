@@ -213,9 +213,10 @@ def answers(answer: Answer) -> Answers:
 def _freedom(problem: SearchProblem) -> FloatArray:
     """Effective degrees of freedom of the base fit's coefficients, (p,)."""
     g = np.zeros((0, problem.data.n))
+    space = problem.whitening(problem.parts, problem.slope)
     if len(problem.theta):
-        g = information.gain(problem.space, problem.base_fit.vector)
-    return information.freedom(problem.space, g, problem.parts, problem.noise, problem.slope)
+        g = information.gain(space, problem.base_fit.vector[: len(problem.theta)])
+    return information.freedom(space, g, problem.parts, problem.noise, problem.slope)
 
 
 def silent(
@@ -231,7 +232,9 @@ def silent(
     if not problem.base.parameters:
         return ()
     names = [p.name for p in problem.base.parameters]
-    jacobian = problem.base_jacobian
+    space = problem.whitening(problem.parts, problem.slope)
+    jacobian = space.project(problem.base_fit.candidate.jacobian(problem.base_fit.vector).T).T
+    jacobian = jacobian[:, : len(names)]
     basis, covariance = orthonormal(jacobian), inverse(jacobian.T @ jacobian)
     u = np.sqrt(np.diag(covariance))
 
@@ -254,7 +257,7 @@ def silent(
         columns = [c for e, c in problem.library if e.name == effect.name and c.shape[1] == 1]
         if not columns:
             continue
-        white = problem.space.project(columns[0].T).T[:, 0]
+        white = space.project(columns[0].T).T[:, 0]
         if np.linalg.norm(white) == 0:
             continue
         share = visibility(problem, effect)

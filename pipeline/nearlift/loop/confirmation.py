@@ -104,7 +104,6 @@ def held_out(
             data=data.take(train),
             log_lift=problem.log_lift[train],
             drawn=problem.null,
-            moved=problem.datum.take(train),
         )
         best = None
         if again:
@@ -141,7 +140,7 @@ def declared_errors(problem: SearchProblem) -> FloatArray:
     """Sensitivities (n, m) of log lift to the declared errors that trials share, each per standard
     uncertainty.
     """
-    return budget.shared(problem.data, problem.parts, problem.slope)
+    return budget.shared(problem.data, problem.linear_parts, problem.slope)
 
 
 def held_out_residuals(

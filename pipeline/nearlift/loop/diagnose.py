@@ -32,7 +32,7 @@ from nearlift.loop import (
 from nearlift.loop.admission import admit, could_act, few, stated_prior
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
-from nearlift.loop.datum import Datum, datum
+from nearlift.loop.datum import stated_datum
 from nearlift.loop.design_report import sensitivity
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
@@ -276,8 +276,7 @@ def _without(
 ) -> stability.Without | None:
     """The diagnosis of the trials `keep` alone; None where they cannot be diagnosed."""
     whole = like.answer.problem
-    trials = whole.datum.take(keep)
-    data = trials.recorded
+    data = whole.data.take(keep)
     if len(np.unique(data.visit)) < 2 or not np.isfinite(data.z_hat).any():
         return None
     about, begin = whole.about, whole
@@ -287,16 +286,10 @@ def _without(
             # the last session, of which nothing is left, had a size of its own
             about, begin = None, ground
     try:
-        problem = prepare(
-            trials,
-            whole.base,
-            whole.effects,
-            whole.parts,
-            begin.theta,
-            whole.options,
-            about=about,
-            start=begin.noise,
+        part = dataclasses.replace(
+            whole, data=data, log_lift=np.log(data.lift_N), theta=begin.theta, independent=False
         )
+        problem = prepare(part, about, begin.noise)
         named = like.refuted or like.answer.accepted
         # where visits are few, they decide, and no evidence
         shortlist = None if whole.independent else like.answer.shortlist(named, ~keep)
@@ -351,11 +344,25 @@ def set_up(
     absorbed = {
         e.name for e, c in library_columns(base, between, kept, first.theta) if not tells(c, kept)
     }
+    # trials of few visits are fitted as if they shared no error
+    datum = None if few_visits.applies(kept) else stated_datum(parts, base, kept)
+    if datum:
+        # every candidate has it
+        absorbed.add("height_offset")
     between = tuple(stated_prior(e, parts) for e in between if e.name not in absorbed)
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
     acting = inputs.acting(parts, base, first.theta)
-    # trials of few visits are fitted as if they shared no error
-    trials = Datum(recorded=kept) if few_visits.applies(kept) else datum(first, kept)
-    problem = prepare(trials, base, between, acting, first.theta, options)
+    problem = SearchProblem(
+        data=kept,
+        base=base,
+        effects=between,
+        parts=acting,
+        noise=first.noise,
+        log_lift=np.log(kept.lift_N),
+        theta=first.theta,
+        options=options,
+        datum=datum,
+    )
+    problem = prepare(problem)
     return problem, known, untestable

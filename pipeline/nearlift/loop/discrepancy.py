@@ -38,7 +38,7 @@ def columns(problem: SearchProblem, flagged: Collection[str]) -> FloatArray:
     if data.ordered:
         carried.append(moving(data).columns)
     # a curve bent at one throttle moves the coefficients that all share
-    by_throttle = times(problem.candidate().jacobian(problem.theta), indicators(data.throttle))
+    by_throttle = times(problem.candidate().jacobian(problem.start), indicators(data.throttle))
     return np.hstack([_sized(problem, shape) for shape in (*carried, by_throttle)])
 
 

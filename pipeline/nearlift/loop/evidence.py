@@ -156,8 +156,8 @@ class Linearised:
     def bic_charged(self) -> IntArray:
         """Parameters charged ln(n) / 2: prior wider than unit information, or estimate at a bound.
 
-        Parameters that differ by session are not among them. All others are integrated over their
-        priors.
+        Parameters that differ by session and the distance datum are not among them. All others are
+        integrated over their priors.
         """
         candidate, deform = self.fitted.candidate, RandomEffectsWhitener(self.form_discrepancy)
         absorbed = orthonormal(deform(self.jacobian[:, self.coefficients]))
@@ -167,7 +167,8 @@ class Linearised:
         low, high = candidate.bounds
         held = (self.fitted.vector <= low) | (self.fitted.vector >= high)
         asked = (information > candidate.data.n) | held[self.entries]
-        return np.asarray(self.entries[asked & ~candidate.by_session[self.entries]])
+        integrated = candidate.by_session | candidate.at_datum
+        return np.asarray(self.entries[asked & ~integrated[self.entries]])
 
     def integrated(self, scores: FloatArray, fixed: IntArray, random: IntArray) -> Integrated:
         """The scores (d, m) with the entries `fixed` projected out and those `random` integrated
@@ -255,4 +256,4 @@ class LinearFit:
     @property
     def outside(self) -> float:
         """Log likelihood of the part of the residual outside the basis: no unknown changes it."""
-        return -0.5 * (self.here.fitted.chi2 - float(np.sum(self.scores**2)))
+        return -0.5 * float(np.sum(self.here.fitted.residual**2) - np.sum(self.scores**2))

@@ -13,7 +13,6 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.admission import admit, could_act
-from nearlift.loop.datum import Datum
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.power import DesignPower
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -90,14 +89,7 @@ def _rehearsed(problem: SearchProblem) -> DesignPower:
         rng = generator(problem.options.seed, "rehearsal", str(i))
         log_lift = problem.log_lift + root @ rng.standard_normal(problem.data.n)
         data = dataclasses.replace(problem.data, lift_N=np.exp(log_lift))
-        drawn = prepare(
-            Datum(recorded=data),
-            problem.base,
-            problem.effects,
-            problem.parts,
-            problem.theta,
-            problem.options,
-        )
+        drawn = prepare(dataclasses.replace(problem, data=data, log_lift=log_lift))
         freedom = data.n - data.unknown_levels - len(problem.theta)
         floors.append(drawn.noise)
         quiet.append(drawn.base_fit.chi2 / freedom)

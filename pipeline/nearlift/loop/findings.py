@@ -196,7 +196,7 @@ def _sizes(explanation: Explanation) -> dict[str, float]:
     return {
         s.parameter.name: float(explanation.fitted.vector[s.start])
         for s in explanation.fitted.candidate.slots
-        if s.effect and s.stop - s.start == 1
+        if s.effect in explanation.effects and s.stop - s.start == 1
     }
 
 

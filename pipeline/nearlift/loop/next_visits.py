@@ -316,7 +316,7 @@ def plan(problem: SearchProblem, question: Question, offered: Menu, rotating: fl
     """Plan from a problem's trials and the visits on offer; see `Plan` for `rotating`."""
     n, both = problem.data.n, join(problem.data, offered.trials)
     slope = height_slope(problem.base, both, problem.base.named(problem.theta))
-    declared = budget.shared(both, problem.parts, slope)
+    declared = budget.shared(both, problem.linear_parts, slope)
     departed = np.eye(len(offered.z_hat))[offered.nearest(both.z_hat)]
     asked = question.columns(both)
     columns = np.hstack([asked, both.level_columns, declared, departed])

@@ -7,13 +7,12 @@ from collections import defaultdict
 
 import numpy as np
 
-from nearlift.declare import Effect, FloatArray, LiftModel
+from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.problem import height_slope
 from nearlift.loop.candidate import Candidate, library_columns
-from nearlift.loop.datum import Datum
 from nearlift.loop.families import families
-from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Noise
 
 #: Covariates of time, whose families are no nuisances here: the drift components stand for them.
@@ -39,33 +38,27 @@ def structure_columns(
 
 
 def prepare(
-    datum: Datum,
-    base: LiftModel,
-    effects: tuple[Effect, ...],
-    parts: tuple[budget.Component, ...],
-    theta: FloatArray,
-    options: Options,
+    problem: SearchProblem,
     about: tuple[Candidate, FloatArray] | None = None,
     start: Noise | None = None,
 ) -> SearchProblem:
     """The search problem at its noise floor, by penalised restricted maximum likelihood.
 
-    The noise is estimated in alternation with the coefficients, from `theta` on, about the base
-    model or about an explanation (a candidate at a vector). The latter serves where an effect is
-    many times the noise: there, the base model's slope and the families' curvature cannot
-    distinguish noise from outliers. `start` is the noise of nearly the same trials, as a starting
-    value.
+    The noise is estimated in alternation with the coefficients, from the problem's `theta` on,
+    about the base model or about an explanation (a candidate at a vector). The latter serves where
+    an effect is many times the noise: there, the base model's slope and the families' curvature
+    cannot distinguish noise from outliers. `start` is the noise of nearly the same trials, as a
+    starting value.
     """
-    p, noise_floor = len(theta), start
-    data = datum.data
+    p, noise_floor = len(problem.theta), start
+    base, data, parts = problem.base, problem.data, problem.linear_parts
     if about is not None:
         about = dataclasses.replace(about[0], data=data), about[1]
-    candidate, vector = about or (Candidate(base=base, effects=(), data=data), theta)
-    lacking = structure_columns(candidate, vector, effects)
+    candidate, vector = about or (problem.candidate(), problem.start)
+    lacking = structure_columns(candidate, vector, problem.effects)
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
-        data = dataclasses.replace(data, lift_N=datum.lift_N(slope))
         noise_floor, target = noise.estimate(
             data,
             np.log(data.lift_N) - log_ratio,
@@ -76,17 +69,13 @@ def prepare(
             budget.own_variance(data, parts, slope),
             noise_floor,
         )
-        problem = SearchProblem(
-            data=data,
-            base=base,
-            effects=effects,
-            parts=parts,
+        problem = dataclasses.replace(
+            problem,
             noise=noise_floor,
             log_lift=target + log_ratio,
             theta=vector[:p],
-            options=options,
             about=about,
-            moved=datum,
+            drawn=None,
         )
         if about is not None or not p:
             break

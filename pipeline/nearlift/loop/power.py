@@ -84,7 +84,7 @@ class DesignPower:
         """
         candidate = self.problem.candidate(size_parameter.effect)
         vector = candidate.null.copy()
-        vector[: len(self.problem.theta)] = self.problem.base_fit.vector
+        vector[: len(self.problem.start)] = self.problem.base_fit.vector
         low, high = candidate.bounds
         for s in candidate.slots:
             if s.parameter.name in size_parameter.shape:

@@ -88,7 +88,7 @@ def result(
         visits = problem.data.visit
         for i, (name, quoted) in enumerate(coefficients.items()):
             moved = vectors[:, i] - answer.best.vector[i]
-            most = largest(np.unique(visits), moved, visits, problem.as_recorded.z_hat)
+            most = largest(np.unique(visits), moved, visits, problem.data.z_hat)
             influence = dataclasses.replace(quoted.influence, visit=most)
             coefficients[name] = dataclasses.replace(quoted, influence=influence)
     return BoundaryResult(
@@ -222,7 +222,7 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
         parts=problem.parts,
         slope=problem.slope,
         fixed=fixed,
-        z_hat=problem.as_recorded.z_hat,
+        z_hat=problem.data.z_hat,
     )
 
 
@@ -232,12 +232,12 @@ def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Problem, dic
     Effect sizes and discrepancies are marginalised into that covariance.
     """
     problem, p = answer.problem, len(answers.names)
-    space, candidate, vector = problem.space, answer.best.candidate, answer.best.vector
+    candidate, vector = answer.best.candidate, answer.best.vector
     data = dataclasses.replace(problem.data, lift_N=np.exp(problem.log_lift))
     jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
     shift = (
         candidate.log_ratio(vector)
-        - problem.candidate().log_ratio(vector[:p])
+        - Candidate(base=problem.base, effects=(), data=problem.data).log_ratio(vector[:p])
         - jacobian[:, p:] @ (vector - mean)[p:]
     )
     further: dict[str, FloatArray] = {}
@@ -248,6 +248,10 @@ def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Problem, dic
         further |= answer.accepted[0].nuisances
     if answers.carried:
         further[f"unexplained structure along {' and '.join(answers.carried)}"] = answers.unnamed
+    slope = problem.slope
+    if candidate.at_datum.any():
+        slope = jacobian[:, candidate.at_datum][:, 0]
+    space = problem.whitening(problem.parts, slope)
     shared, unknowns = space.covariance.shared, {}
     for name, columns in further.items():
         if columns.shape[1]:

@@ -46,23 +46,21 @@ def search_to_convergence(problem: SearchProblem, shortlist: Shortlist | None = 
     """Alternate the search and the noise estimate about the best explanation, at most two repeats.
 
     The noise is estimated about the best explanation if the structure is large compared with it,
-    else about the base model. The zero error of the distance is the best explanation's. With a
-    `shortlist`, only its explanations are tried.
+    else about the base model. With a `shortlist`, only its explanations are tried.
     """
     # new cached values, freed when this search ends
     problem = dataclasses.replace(problem)
     answer = run(problem, shortlist)
     for again in range(2):
-        about, datum = large(answer), problem.datum.likeliest(answer.best, problem.slope)
+        about = large(answer)
         if again:
             # once taken about an explanation, that of these trials stays so
             about = about or problem.about
         now, before = (one and one[0].effects for one in (about, problem.about))
-        if now == before and datum.error_m == problem.datum.error_m:
+        if now == before:
             break
-        ground = problem.base, problem.effects, problem.parts, problem.theta, problem.options
-        del answer, problem
-        problem = prepare(datum, *ground, about=about)
+        del answer
+        problem = prepare(dataclasses.replace(problem), about)
         answer = run(problem, shortlist)
     return answer
 

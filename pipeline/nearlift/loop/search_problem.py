@@ -19,7 +19,7 @@ from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
 from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.datum import Datum
+from nearlift.loop.datum import is_datum
 from nearlift.loop.evidence import (
     CREDIT,
     ExplanationEvidence,
@@ -70,8 +70,8 @@ class SearchProblem:
 
     With `independent`, trials are fitted without correlation; see `few_visits`. The noise was
     estimated about the candidate and vector `about`, about the base model if None. `drawn` is the
-    null distribution of nearly the same trials, if that was drawn already. `data` are at the most
-    probable heights of their `datum`.
+    null distribution of nearly the same trials, if that was drawn already. `datum` is the stated
+    zero error of the distance, part of every candidate; None where it is carried to first order.
     """
 
     data: Observations
@@ -85,31 +85,29 @@ class SearchProblem:
     independent: bool = False
     about: tuple[Candidate, FloatArray] | None = None
     drawn: Null | None = None
-    moved: Datum | None = None
+    datum: Effect | None = None
 
     @property
-    def datum(self) -> Datum:
-        """The trials as recorded, with the datum at which they count here."""
-        return self.moved or Datum(recorded=self.data)
-
-    @property
-    def as_recorded(self) -> Observations:
-        """The trials as recorded: at the distances by which people know them."""
-        return self.datum.recorded
+    def linear_parts(self) -> tuple[budget.Component, ...]:
+        """Stated uncertainties that the covariance carries to first order."""
+        return tuple(part for part in self.parts if self.datum is None or not is_datum(part))
 
     @cached_property
     def space(self) -> Problem:
         """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""
-        data, slope = self.data, self.slope
+        return self.whitening(self.linear_parts, self.slope)
+
+    def whitening(self, parts: tuple[budget.Component, ...], slope: FloatArray) -> Problem:
+        """The same with these stated uncertainties, those of distance to first order by the `slope`
+        (n,).
+        """
+        data = self.data
         tied = (
             ()
             if self.independent
-            else (
-                budget.shared(data, self.parts, slope),
-                budget.own_variance(data, self.parts, slope),
-            )
+            else (budget.shared(data, parts, slope), budget.own_variance(data, parts, self.slope))
         )
-        covariance = trial_covariance(data, self.assumed_noise, slope, *tied)
+        covariance = trial_covariance(data, self.assumed_noise, self.slope, *tied)
         return Problem(model=self.base, data=data, covariance=covariance)
 
     @property
@@ -130,7 +128,7 @@ class SearchProblem:
 
     def candidate(self, *effects: Effect) -> Candidate:
         """The base model with these effects."""
-        return Candidate(base=self.base, effects=effects, data=self.data)
+        return Candidate(base=self.base, effects=effects, data=self.data, datum=self.datum)
 
     def candidates(self, *effects: Effect) -> list[Candidate]:
         """The base model with these effects, once for each of `SESSION_SPREADS` if one differs by
@@ -144,12 +142,17 @@ class SearchProblem:
     @cached_property
     def base_fit(self) -> Fitted:
         """The base model alone, at the noise floor."""
-        return fit(self.candidate(), self.space, self.log_lift, self.theta)
+        return fit(self.candidate(), self.space, self.log_lift, self.start)
+
+    @property
+    def start(self) -> FloatArray:
+        """Vector of the base model alone at `theta`, without an error of the distance."""
+        return self.theta if self.datum is None else np.append(self.theta, 0.0)
 
     @cached_property
     def base_jacobian(self) -> FloatArray:
         """Derivatives of the base model alone, whitened, (n, p)."""
-        return self.base_fit.jacobian
+        return self.base_fit.jacobian[:, : len(self.theta)]
 
     @cached_property
     def starts(self) -> Starts:
@@ -374,7 +377,7 @@ class SearchProblem:
         """
         columns = self.space.project(fitted.candidate.restarts(fitted.vector, form_sd).T).T
         left = RandomEffectsWhitener(columns)(fitted.residual)
-        return self.base_fit.chi2 - float(np.sum(left**2))
+        return float(self.base_fit.chi2 - np.sum(left**2) - fitted.datum_chi2)
 
     def explains_enough(
         self, gain: FloatArray | float, excess: FloatArray | float
@@ -392,7 +395,9 @@ class SearchProblem:
     def excess(self) -> float:
         """Chi2 of the structure beyond what noise would have."""
         _, basis = self.hypotheses
-        return float(max(np.sum((basis.T @ self.base_fit.residual) ** 2) - basis.shape[1], 1e-12))
+        base = self.base_fit
+        chi2 = float(np.sum((basis.T @ base.residual) ** 2) + base.datum_chi2)
+        return max(chi2 - float(basis.shape[1]), 1e-12)
 
     @cached_property
     def base_linear_fit(self) -> LinearFit:

@@ -10,7 +10,6 @@ import numpy as np
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import Point
 from nearlift.loop.evidence import PLAIN_2LNB
 from nearlift.loop.search import Answer
@@ -143,8 +142,9 @@ def parted(problem: SearchProblem, data: Observations, one: Point, other: Point)
     space = Problem(
         model=problem.base, data=data, covariance=trial_covariance(data, problem.noise, slope)
     )
-    mine = Candidate(base=problem.base, effects=one[0], data=data)
-    theirs = Candidate(base=problem.base, effects=other[0], data=data)
+    mine, theirs = (
+        dataclasses.replace(problem.candidate(*effects), data=data) for effects, _ in (one, other)
+    )
     difference = np.nan_to_num(mine.log_ratio(one[1]) - theirs.log_ratio(other[1]))
     white = space.project(difference)
     basis = orthonormal(space.project(theirs.jacobian(other[1]).T).T)
@@ -173,7 +173,7 @@ def next_experiment(problem: SearchProblem, answer: Answer) -> tuple[NextSession
     for rival in compared[1:5]:
         now = parted(problem, problem.data, best.fitted.point, rival.fitted.point)
         ranked = []
-        for proposal in menu(problem.as_recorded, problem.options.not_feasible):
+        for proposal in menu(problem.data, problem.options.not_feasible):
             whole = join(problem.data, proposal.added)
             gain = parted(problem, whole, best.fitted.point, rival.fitted.point) - now
             ranked.append((gain / proposal.added.n, proposal))

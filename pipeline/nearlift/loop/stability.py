@@ -104,7 +104,7 @@ def influential_trials(
     for one, other, margin in chosen:
         each = np.bincount(index[order], 0.5 * (other.residual**2 - one.residual**2))
         np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
-    where = np.bincount(index, answer.problem.as_recorded.z_hat) / count
+    where = np.bincount(index, answer.problem.data.z_hat) / count
     return tuple(
         Shift.at(float(where[j]), str(labels[j]), 0.0)
         for j in np.argsort(-share)[:TRIES]
@@ -134,7 +134,7 @@ def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
         ],
         axis=0,
     )
-    order, data = problem.space.covariance.order, problem.as_recorded
+    order, data = problem.space.covariance.order, problem.data
     return tuple(
         Shift.at(float(data.z_hat[order[i]]), str(data.trial[order[i]]), 0.0)
         for i in np.argsort(-beyond)[:TRIES]
@@ -146,7 +146,7 @@ def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Trials to leave out: each one of a small table; else those that decide the name, and those
     without which a test would turn.
     """
-    data = answer.problem.as_recorded
+    data = answer.problem.data
     if few(data, answer.problem.base):
         return each_of(data.trial, data)
     return (*influential_trials(answer, quoted, data.trial), *trials_flipping_a_test(answer))
@@ -157,7 +157,7 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
 
     These decide the name, or move the headline by more than its standard uncertainty.
     """
-    data = answer.problem.as_recorded
+    data = answer.problem.data
     if few(data, answer.problem.base):
         return each_of(data.visit, data)
     influential = influential_trials(answer, quoted, data.visit)

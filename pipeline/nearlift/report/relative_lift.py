@@ -89,6 +89,9 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
     model = base
     in_curve: list[str] = []
+    if accepted and "offset_m" in accepted.parameters and "height_offset" not in accepted.effects:
+        # the zero error of the distance: the curve is over recorded distance
+        model = compose(model, catalogue.effect("height_offset"))
     for name in accepted.effects if accepted else ():
         effect = catalogue.effect(name)
         drawable = effect.acts_on != "force" and {*effect.needs} <= of_distance
