@@ -8,10 +8,7 @@ from scipy.stats import multivariate_normal
 from tests.unit.simulated import campaign
 
 from nearlift import catalogue
-from nearlift.likelihood import budget
 from nearlift.loop import weigh
-from nearlift.loop.admission import stated_prior
-from nearlift.loop.candidate import WIDE
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.search import Answer, search_to_convergence
 from nearlift.loop.search_problem import Options
@@ -107,17 +104,3 @@ def test_membership_turns_where_the_margin_says(weights):
             turned = log.copy()
             turned[i] -= margin / weigh.TEMPERATURE + past
             assert weigh.in_credible_set(turned)[i] == member
-
-
-def test_an_effect_of_stated_size_pays_for_a_larger_one():
-    (effect,) = [e for e in catalogue.effects() if e.name == "height_offset"]
-    part = budget.Component(name="datum", on="height", standard=1e-4, scope="boundary")
-    stated = stated_prior(effect, (part,))
-    assert [p.prior.scale for p in stated.parameters] == [1e-4]
-    assert stated_prior(effect, ()) == effect
-    problem = set_up(campaign(1, datum=5e-4), GROUND, (part,), Options())[0]
-    (candidate,) = (e for e, _ in problem.library if e.name == "height_offset")
-    fitted = problem.explain((candidate,)).fitted
-    size = fitted.vector[-1]
-    assert problem.stated_penalty(fitted) == pytest.approx(0.5 * (size / (WIDE * 1e-4)) ** 2)
-    assert problem.stated_penalty(problem.base_fit) == 0.0

@@ -69,7 +69,7 @@ def add_posterior(
     if base:
         throttles = enumerate(fitted.problem.data.levels)
         columns |= {level_name(t): drawn.levels_N[:, :, i] for i, t in throttles}
-    rows = [_rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()]
+    rows = [draw_rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()]
     summary = _summary(density, drawn, fitted, data_sha256)
     evidence = Estimate(value=drawn.log_evidence, u=drawn.u_log_evidence)
     unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
@@ -77,7 +77,10 @@ def add_posterior(
     return entry, rows, [f"{boundary}: {text}" for text in unlike]
 
 
-def _rows(boundary: str, model: str, name: str, values: FloatArray, log_prob: FloatArray) -> Table:
+def draw_rows(
+    boundary: str, model: str, name: str, values: FloatArray, log_prob: FloatArray
+) -> Table:
+    """Rows of a table of draws for one parameter; `values` and `log_prob` are (chains, draws)."""
     chains, draws = values.shape
     n = values.size
     return {

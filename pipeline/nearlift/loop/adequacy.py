@@ -60,7 +60,9 @@ def _strained(problem: SearchProblem) -> list[str]:
     absorbed, reasons = orthonormal(problem.base_fit.jacobian), []
     error = problem.base_fit.datum_chi2**0.5
     if error > norm.isf(STRAY / 2):
-        reasons.append(f"the distance datum is off by {error:.2g} of its stated standard uncertainties")
+        reasons.append(
+            f"the distance datum is off by {error:.2g} of its stated standard uncertainties"
+        )
     for part in problem.linear_parts:
         columns = budget.columns(problem.data, part, problem.slope)
         if not columns.shape[1]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Effect, LiftModel, Prior
+from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.likelihood.budget import Component
 from nearlift.likelihood.covariates import missing, unlogged
 from nearlift.results import Observations
 from nearlift.results.outlook import UntestableEffect
@@ -107,21 +104,3 @@ def could_act(
         if needs[e.name]
     )
     return tuple(e for e in library if not needs[e.name]), untestable
-
-
-def stated_prior(effect: Effect, parts: tuple[Component, ...]) -> Effect:
-    """The effect with the standard uncertainty that the manifest states for its size as its prior.
-
-    It is the root sum of squares of the components that all trials share; without any, the declared
-    prior stays.
-    """
-    stated = [
-        part.standard
-        for part in parts
-        if part.on == effect.error_of and part.scope in ("boundary", "campaign")
-    ]
-    if not stated:
-        return effect
-    prior = Prior(distribution="norm", scale=float(np.hypot.reduce(stated)))
-    parameters = tuple(p if p.grid else replace(p, prior=prior) for p in effect.parameters)
-    return replace(effect, parameters=parameters)

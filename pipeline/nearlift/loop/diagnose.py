@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import inputs
+from nearlift.fit.density import Density
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import derive
@@ -29,7 +30,7 @@ from nearlift.loop import (
     separation,
     stability,
 )
-from nearlift.loop.admission import admit, could_act, few, stated_prior
+from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.datum import stated_datum
@@ -46,7 +47,7 @@ from nearlift.loop.findings import (
 )
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
-from nearlift.loop.result import result
+from nearlift.loop.result import posterior_density, result
 from nearlift.loop.search import Answer, Shortlist, run, search_to_convergence
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.visibility import SILENT
@@ -64,7 +65,8 @@ USUAL = Noise(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopDiagnosis:
-    """One boundary's block of diagnosis.json, its part of results.json, and the residuals.
+    """One boundary's block of diagnosis.json, its part of results.json, residuals, and the
+    posterior density of the quoted coefficients.
 
     `residuals` holds arrays (n,). `before` and `after` are relative, about the fit to all trials.
     With cross-validation, `held_out_before` and `held_out_after` are about fits without the trial's
@@ -74,6 +76,7 @@ class LoopDiagnosis:
     findings: BoundaryDiagnosis
     residuals: dict[str, NDArray[Any]]
     quoted: BoundaryResult
+    density: Density | None
 
 
 def diagnose(
@@ -190,7 +193,12 @@ def diagnose(
         quoted = stability.with_decisive_visits(
             quoted, without(ground.data.visit.astype(str)), stability.visits_to_try(answer, quoted)
         )
-    return LoopDiagnosis(findings=findings, residuals=residuals, quoted=quoted)
+    return LoopDiagnosis(
+        findings=findings,
+        residuals=residuals,
+        quoted=quoted,
+        density=posterior_density(answer, answers),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -344,12 +352,14 @@ def set_up(
     absorbed = {
         e.name for e, c in library_columns(base, between, kept, first.theta) if not tells(c, kept)
     }
-    # trials of few visits are fitted as if they shared no error
-    datum = None if few_visits.applies(kept) else stated_datum(parts, base, kept)
+    between = tuple(e for e in between if e.name not in absorbed)
+    datum = stated_datum(parts, base, kept)
+    if datum and few_visits.applies(kept):
+        # these trials are fitted as if they shared no error: it competes as an effect
+        stated, datum = dataclasses.replace(datum, name="height_offset"), None
+        between = tuple(stated if e.name == stated.name else e for e in between)
     if datum:
-        # every candidate has it
-        absorbed.add("height_offset")
-    between = tuple(stated_prior(e, parts) for e in between if e.name not in absorbed)
+        between = tuple(e for e in between if e.name != "height_offset")
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
     acting = inputs.acting(parts, base, first.theta)

@@ -10,7 +10,9 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit import information
+from nearlift.fit.density import Density
 from nearlift.fit.estimator import Estimator, largest
+from nearlift.fit.solver import solve
 from nearlift.likelihood import budget
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
@@ -224,6 +226,25 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
         fixed=fixed,
         z_hat=problem.data.z_hat,
     )
+
+
+def posterior_density(answer: Answer, answers: Answers) -> Density | None:
+    """Posterior density of the coefficients by the best answer; None where visits decide, or
+    nothing is free.
+
+    Effects' parameters, uncertain forms and stated uncertainties are integrated out, to first order
+    about the fit.
+    """
+    if answer.problem.independent or not answers.names:
+        return None
+    problem, _ = _marginal_likelihood(answer, answers)
+    # the effects differ between trials of a station, and a density asks each station once
+    lift_N = problem.data.lift_N * np.exp(-problem.shift)
+    data = dataclasses.replace(problem.data, lift_N=lift_N)
+    problem = dataclasses.replace(problem, data=data, shift=0.0)
+    centre, _ = solve(problem, answers.members[0][1][0])
+    dof = max(float(answers.dof.min()), information.LEAST_DOF)
+    return Density(problem=problem, centre=centre, dof=dof)
 
 
 def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Problem, dict[str, slice]]:

@@ -60,7 +60,7 @@ def search_to_convergence(problem: SearchProblem, shortlist: Shortlist | None = 
         if now == before:
             break
         del answer
-        problem = prepare(dataclasses.replace(problem), about)
+        problem = prepare(dataclasses.replace(problem), about=about)
         answer = run(problem, shortlist)
     return answer
 

@@ -333,7 +333,7 @@ class SearchProblem:
         """Explanation of a fit with form discrepant by `form_sd`, its residuals not tested yet."""
         exact, discrepant = self.linear_fits(fitted, form_sd)
         gain = self.gain(fitted, form_sd)
-        other = self.downwash_evidence(fitted) - self.stated_penalty(fitted)
+        other = self.downwash_evidence(fitted)
         return Explanation(
             fitted=fitted,
             form_sd=form_sd,
@@ -352,18 +352,6 @@ class SearchProblem:
         """Log Bayes factor over the base model by the measured downwash."""
         measured = self.options.downwash
         return log_density(measured, fitted) - log_density(measured, self.base_fit)
-
-    def stated_penalty(self, fitted: Fitted) -> float:
-        """Log prior density, less its maximum, of sizes whose uncertainty the manifest states.
-
-        The uncertainty of a form is in proportion to the fitted size, and would hide its misfit.
-        """
-        stated = {part.on for part in self.parts}
-        candidate = fitted.candidate
-        mean, sd = candidate.prior
-        names = [e.name for e in candidate.effects if e.error_of in stated]
-        mine = candidate.entries(lambda s: s.effect in names)
-        return 0.5 * float(np.sum(((fitted.vector - mean)[mine] / sd[mine]) ** 2))
 
     def tested(self, e: Explanation) -> Explanation:
         """Explanation with its residuals tested, if its effects could then be named."""

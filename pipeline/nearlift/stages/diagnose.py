@@ -12,7 +12,7 @@ from nearlift.errors import NotConverged
 from nearlift.run import tables
 from nearlift.run.engine import Job, Outcome, Say, Stage, subprogress
 from nearlift.run.tables import Product, real, text
-from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
 from nearlift.stages.flow import DOWNWASH
 from nearlift.stages.ingest import TRIALS
 
@@ -47,6 +47,15 @@ LOOP_RESIDUALS = Product(
         real("held_out_after", "1", "the whole search repeated without the trial's visit"),
     ),
 )
+QUOTED_POSTERIOR = Product(
+    file="quoted_posterior.parquet",
+    title="Posterior draws of the quoted coefficients",
+    row=(
+        "a draw of one coefficient at one boundary that was diagnosed, by the most probable"
+        " explanation"
+    ),
+    columns=POSTERIOR.columns,
+)
 
 
 def run(job: Job) -> Outcome:
@@ -57,6 +66,8 @@ def run(job: Job) -> Outcome:
 
     from nearlift.fit.base_result import base_result, shape_doubts
     from nearlift.fit.least_squares import fit
+    from nearlift.fit.posterior import Settings, sample
+    from nearlift.fit.posterior_summary import draw_rows
     from nearlift.likelihood import budget
     from nearlift.loop.diagnose import diagnose
     from nearlift.observed import (
@@ -76,7 +87,8 @@ def run(job: Job) -> Outcome:
     parts, options = budget.components(job.campaign), search_options(job.campaign, job.seed)
     blocks: dict[Boundary, BoundaryDiagnosis | NotDiagnosed] = {}
     quoted: dict[Boundary, BoundaryResult] = {}
-    residuals, notes = list[tables.Table](), list[str]()
+    residuals, draws, notes = list[tables.Table](), list[tables.Table](), list[str]()
+    settings = Settings(ess=job.campaign.fit.ess, steps=job.campaign.fit.steps)
     present = boundaries(trials)
     cuts = job.read(DOWNWASH) if (job.processed / DOWNWASH.file).is_file() else None
     for i, boundary in enumerate(present):
@@ -108,6 +120,12 @@ def run(job: Job) -> Outcome:
         size = len(diagnosis.residuals["trial"])
         column = {"boundary": np.full(size, boundary, dtype=object)}
         residuals.append(column | diagnosis.residuals)
+        if density := diagnosis.density:
+            drawn = sample(density, settings, job.seed, boundary, base.name, "quoted")
+            draws += [
+                draw_rows(boundary, base.name, n, drawn.theta[:, :, k], drawn.log_prob)
+                for k, n in enumerate(drawn.names)
+            ]
         loop = diagnosis.findings
         remarks = (
             loop.look.text if loop.look else "",
@@ -119,6 +137,7 @@ def run(job: Job) -> Outcome:
         )
         notes += [f"{boundary}: {remark}" for remark in remarks if remark]
     job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, residuals))
+    job.write(QUOTED_POSTERIOR, tables.stacked(QUOTED_POSTERIOR, draws))
     rate = options.false_alarm_rate
     job.save(DiagnosisResults(false_alarm_rate=rate, boundaries=blocks))
     job.save(Results(boundaries=quoted))
@@ -159,7 +178,7 @@ STAGE = Stage(
     run=run,
     summary="look for the cause of the residuals",
     reads=(TRIALS, FIT, DOWNWASH),
-    writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
+    writes=(DIAGNOSIS, LOOP_RESIDUALS, QUOTED_POSTERIOR, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
     question=(
         click.Option(

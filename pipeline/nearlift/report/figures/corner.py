@@ -1,4 +1,6 @@
-"""Corner plots of the base models' posteriors: parameters and one throttle's L_inf."""
+"""Corner plots: the quoted coefficients, or before a diagnosis the base model's parameters and one
+throttle's L_inf.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +20,7 @@ from nearlift.report.evidence import Evidence, frame, pick
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import DEFAULT, SERIES, Style, labelled, lettered
 from nearlift.rounding import plain
+from nearlift.stages.diagnose import QUOTED_POSTERIOR
 from nearlift.stages.fit import FIT, POSTERIOR
 
 COLUMNS = ("panel", "name", "draw", "value")
@@ -31,10 +34,16 @@ SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
 def draws(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
-    """Draws of the base model, a column for each parameter and for L_inf at the highest throttle.
+    """Draws of the quoted coefficients, a column each.
 
-    L_inf is in mN unless the manifest asks for another unit.
+    Where there are none, of the base model: its parameters, and L_inf at the highest throttle, in
+    mN unless the manifest asks for another unit.
     """
+    if evidence.has(QUOTED_POSTERIOR):
+        long = evidence.frame(QUOTED_POSTERIOR, boundary=boundary)
+        if len(long):
+            each = long.groupby("parameter", sort=False)["value"]
+            return pd.DataFrame({str(n): x.to_numpy() for n, x in each})
     model, _ = evidence.base(boundary)
     long = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)
     wide = {n: x.to_numpy() for n, x in long.groupby("parameter", sort=False)["value"]}
@@ -61,7 +70,7 @@ def table(evidence: Evidence) -> pd.DataFrame:
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, numbers included."""
     parts = [
-        "Posterior of each base model: histograms of the draws; contours hold 50, 90 and 99 %."
+        "Posterior of the quoted coefficients: histograms of the draws; contours hold 50, 90, 99 %."
     ]
     for boundary in evidence.boundaries:
         wide, (model, fit) = draws(evidence, boundary), evidence.base(boundary)
@@ -134,7 +143,7 @@ def _label(name: str) -> str:
 
 FIGURE = FigureSpec(
     name="corner",
-    title="Posterior of the base models",
+    title="Posterior of the quoted coefficients",
     needs=(FIT, POSTERIOR),
     rows=table,
     draw=draw,

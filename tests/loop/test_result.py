@@ -1,0 +1,25 @@
+"""The quoted result: its interval is that of its posterior."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.unit.simulated import campaign
+
+from nearlift import catalogue
+from nearlift.fit.posterior import Settings, sample
+from nearlift.loop.diagnose import diagnose
+from nearlift.loop.search_problem import Options
+
+
+@pytest.mark.parametrize("gain", [None, lambda c: (c["supply_V"] / 3.8) ** 2])
+def test_the_quoted_interval_is_that_of_its_posterior(gain):
+    """Within 0.05 u, with and without supply sag; the exact grid has no sampling error."""
+    data = campaign(5, visits=8, gain=gain)
+    found = diagnose(data, catalogue.model("sanchez_cuevas"), (), Options(), confirm=False)
+    quoted = found.quoted.coefficients["K_b"]
+    assert found.quoted.effects == (() if gain is None else ("supply_sag",))
+    drawn = sample(found.density, Settings(ess=400), 0, "quoted")
+    low, high = drawn.exact.quantiles(0, np.array([0.05, 0.95]))
+    assert low == pytest.approx(quoted.lo90, abs=0.05 * quoted.u)
+    assert high == pytest.approx(quoted.hi90, abs=0.05 * quoted.u)
