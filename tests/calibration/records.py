@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.readers.reading import of_trials
 from tests.unit import written
 from tests.unit.manifests import manifest
 
@@ -292,7 +293,7 @@ def on_the_coefficient(root: Path, tries: int = 100) -> tuple[Told, float]:
     largest, accepted = 0.0, 0.0
     for i in range(tries):
         row = int(rng.integers(len(table["trial"])))
-        [record] = reader("csv").read(campaign, root, [str(table["trial"][row])])
+        [record] = of_trials("csv", campaign, root, [str(table["trial"][row])])
         force = glitched(record.force_N, n, list(GLITCHES.values())[i % len(GLITCHES)], rng)
         conditions = Conditions(
             rate_Hz=cell.sample_rate or 1.0, tare_s=campaign.tare_s, settle_s=cell.settle

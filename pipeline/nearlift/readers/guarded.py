@@ -3,10 +3,8 @@
 Foreign bytes can crash a C library, keep it busy without end, or unpack to any size. All this costs
 the one file that caused it. The process serves file after file, since its start takes about a
 second. It writes no file, imports nothing from the current folder, and ends with its parent. Its
-answers are bounded, and hold nothing but numbers, texts and the package's own types.
-
-It is no `ProcessPoolExecutor`. That one imports the user's script again, and does not say why a
-process ended. It also unpickles whatever a file that took over the process sends.
+answers are bounded, and hold nothing but numbers, texts and the package's own types
+(docs/decisions.md#one-guarded-process-by-its-own-pipe).
 """
 
 from __future__ import annotations
@@ -94,13 +92,11 @@ class Guarded:
             life, self._lifeline = os.pipe()
             fds = theirs.fileno(), life
             code = f"guarded.serve({fds[0]}, {life}, {self.memory}, {self.cpu_s})"
+            # -P: no imports from the current folder; -B: no bytecode is written
+            command = [sys.executable, "-P", "-B", "-c"]
             with theirs:
                 self.process = subprocess.Popen(
-                    # -P: no imports from the current folder; -B: no bytecode is written
-                    [
-                        *(sys.executable, "-P", "-B", "-c"),
-                        f"from nearlift.readers import guarded; {code}",
-                    ],
+                    [*command, f"from nearlift.readers import guarded; {code}"],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
@@ -117,14 +113,13 @@ class Guarded:
         """The class of the exception, if any, and the answer."""
         if self._files >= FILES:
             self.close()
-        process, link = self.start(), self._link
-        assert link is not None
+        process, why = self.start(), ""
+        assert self._link is not None
         self._files += 1
-        why = ""
         try:
-            link.send_bytes(asked)
-            if link.poll(self.wall_s):
-                answer = link.recv_bytes(LONGEST_ANSWER + 4096)
+            self._link.send_bytes(asked)
+            if self._link.poll(self.wall_s):
+                answer = self._link.recv_bytes(LONGEST_ANSWER + 4096)
                 outcome: tuple[type[Exception] | None, Any] = _Unpickler(io.BytesIO(answer)).load()
                 return outcome
             why = f"its reader was stopped after {self.wall_s:g} s"
