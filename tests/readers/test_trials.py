@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import re
 from pathlib import Path
 from typing import Any
@@ -107,67 +106,6 @@ def test_inputs_are_what_the_product_is_made_from(root: Path) -> None:
     assert len(names) == 1 + 7
 
 
-def damaged(root: Path, trial: str, kind: str) -> None:
-    path = root / "trials" / f"{trial}.csv"
-    force = force_mN(250.0, seed=99)
-    if kind == "MISSING":
-        path.unlink()
-    elif kind == "EMPTY":
-        path.write_bytes(b"")
-    elif kind == "NO_DATA":
-        path.write_text("force\n")
-    elif kind == "SHORT":
-        path.write_bytes(path.read_bytes()[: len(path.read_bytes()) // 2])
-    elif kind == "DUPLICATE":
-        path.write_bytes((root / "trials" / "t00.csv").read_bytes())
-    elif kind == "OUT_OF_RANGE":
-        path.write_text(
-            "force\n"
-            + "".join("OVER\n" if i % 20 == 0 else f"{f:.4f}\n" for i, f in enumerate(force))
-        )
-    elif kind == "SATURATED":
-        write_record(root, trial, np.minimum(force_mN(9500.0, noise=300.0, seed=98), 9807.0))
-    elif kind == "STUCK":
-        force[HEAD:] = 250.0
-        write_record(root, trial, force)
-    elif kind == "DRIFT":
-        write_record(root, trial, force + np.linspace(0, 30, len(force)))
-    elif kind == "IMPLAUSIBLE":
-        write_record(root, trial, 1e3 * force)
-
-
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "MISSING",
-        "EMPTY",
-        "NO_DATA",
-        "SHORT",
-        "DUPLICATE",
-        "OUT_OF_RANGE",
-        "SATURATED",
-        "STUCK",
-        "DRIFT",
-        "IMPLAUSIBLE",
-    ],
-)
-def test_a_bad_record_is_kept_with_its_reason_and_the_rest_goes_on(
-    root: Path, tmp_path: Path, kind: str
-) -> None:
-    damaged(root, "t01", kind)
-    outcome, job = run_ingest(
-        root,
-        tmp_path,
-        manifest(**GIVEN, load_cell={"range": None} if kind == "IMPLAUSIBLE" else {}),
-    )
-    table = job.read(TRIALS)
-    assert len(table["trial"]) == 8
-    assert kind in table["quality"][1].split()
-    assert [trial for trial, _ in outcome.rejected] == ["t01"]
-    assert kind in outcome.rejected[0][1]
-    assert all(q == "" for i, q in enumerate(table["quality"]) if i != 1)
-
-
 def test_a_far_lift_that_does_not_rise_is_flagged_and_kept(tmp_path: Path) -> None:
     root = tmp_path / "raw"
     root.mkdir()
@@ -192,22 +130,6 @@ def refused(
         run_ingest(root, tmp_path / "out", manifest(**{**GIVEN, **changes}))
     assert not (tmp_path / "out").exists()
     assert snapshot(root) == before
-
-
-def test_grams_read_as_newtons_are_refused_and_nothing_is_written(
-    root: Path, tmp_path: Path
-) -> None:
-    for path in (root / "trials").iterdir():
-        values = np.loadtxt(path, skiprows=1) / 9.80665
-        path.write_text("force\n" + "".join(f"{v:.6f}\n" for v in values))
-    refused(
-        root,
-        tmp_path,
-        InputRefused,
-        r'times the weight.*\n  is the unit "gf"',
-        records={"force": {"column": "force", "unit": "N", "sign": 1}},
-        load_cell={"range": None},
-    )
 
 
 def test_no_record_at_all_is_refused(root: Path, tmp_path: Path) -> None:
@@ -381,27 +303,6 @@ def test_means_need_a_lift(tmp_path: Path) -> None:
     write_schedule(tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,\n")
     with pytest.raises(ManifestError, match="line 2, column 'lift': is empty"):
         run_ingest(tmp_path, tmp_path / "out", manifest(**MEANS))
-
-
-def test_memory_does_not_grow_with_the_number_of_trials(root: Path, tmp_path: Path) -> None:
-    """At most so many pieces are in flight, whatever their number: counted, since resident memory
-    is noise on this scale.
-    """
-
-    class Counting(workers.SerialExecutor):
-        open = 0
-        most = 0
-
-        def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
-            self.open += 1
-            self.most = max(self.most, self.open)
-            return super().submit(fn, *args, **kwargs)
-
-    counting = Counting()
-    pieces = []
-    for _ in workers.ordered(counting, pieces.append, range(100)):
-        counting.open -= 1
-    assert counting.most <= 8
 
 
 @pytest.mark.parametrize(

@@ -68,8 +68,6 @@ class Task:
     inputs: Mapping[str, str]
 
 
-# damaged numbers may be anything
-@np.errstate(over="ignore", invalid="ignore")
 def reduce_piece(task: Task) -> list[RecordAnswer]:
     """Read and reduce the records of one piece; runs in any thread or process.
 
@@ -88,7 +86,9 @@ def reduce_piece(task: Task) -> list[RecordAnswer]:
     try:
         for record in _records(task):
             try:
-                answers.append(_answer(task, record, digests))
+                # damaged numbers may be anything
+                with np.errstate(over="ignore", invalid="ignore"):
+                    answers.append(_answer(task, record, digests))
             except Exception as fault:
                 bad = malformed(record.trial, root, record.source, fault)
                 answers.append(_answer(task, bad, digests))
