@@ -92,7 +92,7 @@ SYNONYMS = {
     "start": ("started", "start time", "date", "time of day", "timestamp"),
     "session": ("battery number", "series", "block", "day", "battery no", "pack"),
     "supply": ("voltage", "vbat", "battery", "v bat", "supply voltage", "battery voltage", "v"),
-    "current": ("i", "amps"),
+    "current": ("i", "amps", "strom"),
     "rpm": ("speed", "rpm mean", "rpm avg", "rotor speed"),
     "power": ("p", "electrical power"),
     "temperature": ("temp", "air temperature", "t air"),

@@ -65,7 +65,7 @@ def for_records(
 ) -> TOMLDocument:
     """[load_cell], [records] and, for sweeps, [segments] of records that are alike.
 
-    `cell`: with range and accuracy of the load cell to fill in.
+    `cell`: with the accuracy of the load cell to fill in.
     """
     doc, whole, first = tomlkit.document(), template(), inspected[0]
     load_cell: Any = whole["load_cell"]
@@ -76,7 +76,7 @@ def for_records(
     else:
         _state_head(load_cell, inspected)
     if not cell:
-        del load_cell["range"], load_cell["accuracy"]
+        del load_cell["accuracy"]
     _fill_records(doc["records"], first, files)
     if first.ramp is not None and all(f.ramp is not None for f in inspected):
         for key, table in tomlkit.parse(first.ramp.segments).items():
