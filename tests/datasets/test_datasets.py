@@ -6,15 +6,14 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import http.server
 import itertools
 import json
 import re
-import threading
 import urllib.parse
 from pathlib import Path
 
 import pytest
+from tests.datasets.published import PublishedFolder, listed, published
 from tests.unit.small_run import nearlift
 
 from nearlift.campaign import manifest as manifests
@@ -32,42 +31,10 @@ pytestmark = pytest.mark.filterwarnings(
 HEX = re.compile(r"/[0-9a-f]{40}/")
 
 
-class Server:
-    """Serves a folder on loopback and remembers what it was asked for."""
-
-    def __init__(self, folder: Path) -> None:
-        asked = self.asked = []
-
-        class Handler(http.server.SimpleHTTPRequestHandler):
-            def __init__(self, *args):
-                super().__init__(*args, directory=str(folder))
-
-            def do_GET(self):
-                asked.append(urllib.parse.unquote(self.path).lstrip("/"))
-                super().do_GET()
-
-            def log_message(self, *args):
-                pass
-
-        self.folder = folder
-        self.http = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.http.block_on_close = True
-        self.url = f"http://127.0.0.1:{self.http.server_port}"
-        self.thread = threading.Thread(target=self.http.serve_forever, args=(0.05,))
-        self.thread.start()
-
-    def stop(self) -> None:
-        self.http.shutdown()
-        self.thread.join()
-        self.http.server_close()
-
-
 @pytest.fixture
 def server(tmp_path):
-    (tmp_path / "published").mkdir()
-    running = Server(tmp_path / "published")
-    yield running
-    running.stop()
+    with published(tmp_path / "published") as running:
+        yield running
 
 
 SWEEPS = {
@@ -78,36 +45,6 @@ SWEEPS = {
         "0.5,0.52,12.2,2.5e-01\n1.0,1.52,11.8,2.5e-01\n"
     ),
 }
-
-
-def listed(
-    server: Server,
-    files: dict[str, str],
-    path: Path,
-    converter: str = "pitt_ras",
-    digest: str | None = None,
-) -> Path:
-    """Serve files, and list them as the data set `made-up`."""
-    text = f"""
-[[dataset]]
-name = "made-up"
-title = "sweeps that nobody ran"
-licence = "CC0"
-citation = "nobody"
-home = "{server.url}"
-converter = "{converter}"
-next = "nearlift run"
-"""
-    for name, content in files.items():
-        (server.folder / name).write_text(content)
-        sha = digest or hashlib.sha256(content.encode()).hexdigest()
-        text += (
-            f'[[dataset.file]]\nname = "{name}"\nurl ='
-            f' "{server.url}/{urllib.parse.quote(name)}"\nsha256 = "{sha}"\nbytes ='
-            f" {len(content)}\n"
-        )
-    path.write_text(text)
-    return path
 
 
 def get(tmp_path: Path, own: Path, *more: object, name: str = "made-up", to: str = "raw"):
@@ -350,7 +287,7 @@ def test_other_numbers_than_the_published_ones_are_refused_although_trusted(serv
     assert (told.exit_code, "holds other numbers" in told.stderr) == (4, True)
 
 
-def served(server: Server, name: str, folder: Path, tmp_path: Path) -> Path:
+def served(server: PublishedFolder, name: str, folder: Path, tmp_path: Path) -> Path:
     """The real entry of the list, its files served from a folder; their digests are the
     list's own.
     """

@@ -13,7 +13,7 @@ import pytest
 from measured.__main__ import main
 from measured.campaigns import REMARKS
 from measured.variants import STORED, Case, Finding
-from tests.datasets.test_datasets import Server, listed
+from tests.datasets.published import PublishedFolder, listed, published
 
 from measured import page, variants
 from nearlift.datasets import pitt_ras_older, registry
@@ -50,13 +50,11 @@ def table(*, exponent: float = 0.0) -> str:
 @pytest.fixture
 def server(tmp_path, monkeypatch):
     monkeypatch.setenv("NEARLIFT_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "published").mkdir()
-    running = Server(tmp_path / "published")
-    yield running
-    running.stop()
+    with published(tmp_path / "published") as running:
+        yield running
 
 
-def publish(server: Server, tmp_path: Path, text: str) -> None:
+def publish(server: PublishedFolder, tmp_path: Path, text: str) -> None:
     """Serve a table, and list it as a data set."""
     own = listed(server, {"packet.csv": text}, tmp_path / "list.toml", converter="jirs")
     own.write_text(own.read_text().replace('"made-up"', f'"{NAME}"'))

@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.unit import bench_campaign
 
 from nearlift import declare
 from nearlift.campaign import manifest as campaign
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import DeclarationError, UsageError
-from nearlift.run.engine import Job
 from nearlift.run.tables import sha256
-from nearlift.run.workers import SerialExecutor
-from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
 from nearlift.synthetic import demo, records, table_1, trial_schedule
 from nearlift.synthetic.records import SimulatedBench
@@ -64,14 +62,8 @@ def plan(**changes: Any) -> trial_schedule.TrialSchedule:
 
 
 def ingested(folder: Path, out: Path) -> dict[str, Any]:
-    job = Job(
-        root=folder,
-        campaign=campaign.load(folder),
-        processed=out,
-        reports=out,
-        executor=SerialExecutor(),
-    )
-    assert ingest.run(job).rejected == ()
+    outcome, job = bench_campaign.run_ingest(folder, out, campaign.load(folder))
+    assert outcome.rejected == ()
     return job.read(TRIALS)
 
 
