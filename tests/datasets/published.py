@@ -36,6 +36,11 @@ class PublishedFolder:
         self.thread = threading.Thread(target=self.http.serve_forever, args=(0.05,))
         self.thread.start()
 
+    def stop(self) -> None:
+        self.http.shutdown()
+        self.thread.join()
+        self.http.server_close()
+
 
 @contextlib.contextmanager
 def published(folder: Path) -> Iterator[PublishedFolder]:
@@ -44,9 +49,7 @@ def published(folder: Path) -> Iterator[PublishedFolder]:
     try:
         yield running
     finally:
-        running.http.shutdown()
-        running.thread.join()
-        running.http.server_close()
+        running.stop()
 
 
 def listed(
