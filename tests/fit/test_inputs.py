@@ -162,7 +162,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     assert own.startswith(
         f"A 1 % error in rotor radius would shift K_b by {radius:.2g}, in rotor spacing by"
     )
-    assert own.endswith("; the manifest states neither.")
+    assert own.endswith(". The manifest states neither.")
     assert words._inputs(known(10 * radius, "rotor_radius"), "ground") == ""
 
     # an offset that the diagnosis would have seen is not held against the number

@@ -28,6 +28,8 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MIN_ALONE = 0.6
 #: Explanations of at least this probability are listed, and at most so many.
 MIN_LISTED, MAX_LISTED = 0.05, 4
+#: Names in a sentence.
+MOST_NAMES = 5
 #: Effects with more sizes than this are printed as a range.
 MOST_SIZES = 3
 #: Factor and unit in which an SI quantity is printed.
@@ -55,6 +57,13 @@ SIZE_WORDS = {
 def listed(words: Sequence[str], last: str = "and") -> str:
     """``a, b and c``."""
     return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+
+
+def several(names: Sequence[str]) -> str:
+    """``a, b, c and 9 others``: no more names than a sentence bears."""
+    if len(names) <= MOST_NAMES:
+        return listed(names)
+    return listed([*names[: MOST_NAMES - 1], f"{len(names) - MOST_NAMES + 1} others"])
 
 
 def sentence(text: str) -> str:

@@ -32,6 +32,7 @@ from nearlift.report.phrases import (
     listed,
     random_walk,
     sentence,
+    several,
     sizes,
     structure_along,
 )
@@ -45,7 +46,7 @@ from nearlift.report.sources import (
 from nearlift.report.tables import coefficients, csv, reported
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
 from nearlift.results.levels import LevelFit
-from nearlift.results.outlook import NextExperiment, NextSession
+from nearlift.results.outlook import NextExperiment, NextSession, Sensitivity
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, like, plain, plus_minus, signed
 from nearlift.schedule import BY_NAME
@@ -264,11 +265,18 @@ def findings(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosi
         cause = f", as by {names}" if within.significant and names else ""
         said.append(f"within a record, lift changes by {value} % (90 %: {low} to {high}){cause}")
     if could := diagnosis.sensitivity:
-        effects = listed([titled(e) for e in could.effects])
-        said.append(f"with {could.trials} trials only single effects were tested: {effects}")
-        said.append(f"they {titled(str(could))}")
+        said += [f"with {could.trials} trials only single effects were tested", power(could)]
     said += [limit.text for limit in diagnosis.limits]
     return [sentence(text) for text in said]
+
+
+def power(could: Sensitivity) -> str:
+    """Effects that a few trials could have detected."""
+    texts = [titled(row.text) for row in could.limits if row.size is not None]
+    if not texts:
+        return f"{could.trials} trials could not have detected any effect of a possible size"
+    chances = f"{100 * could.chance:.0f} % power each"
+    return f"{could.trials} trials could have detected {several(texts)} ({chances})"
 
 
 # the number
@@ -501,7 +509,7 @@ def _reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
     # the interval covers the rivals: where they agree, what it leaves out is more serious
     said += [*rivals, *hidden] if _apart(quoted) else [*hidden, *rivals]
     if diagnosis and diagnosis.untestable:
-        unlogged = listed([titled(name) for name in diagnosis.untestable])
+        unlogged = several([titled(name) for name in diagnosis.untestable])
         said.append(f"untestable with what was logged: {unlogged}")
     return [sentence(text) for text in said]
 
@@ -566,7 +574,7 @@ def _inputs(evidence: Evidence, boundary: Boundary) -> str:
         more = " (a larger one would be detected)" if e.at_most else ""
         parts.append(f"{head} by {plain(e.shift, 2)}{more}")
     states = {1: "does not state it", 2: "states neither"}.get(len(errors), "states none of them")
-    return f"A {', '.join(parts)}; the manifest {states}."
+    return f"A {', '.join(parts)}. The manifest {states}."
 
 
 def _error_size(error: PlausibleError) -> str:

@@ -16,7 +16,15 @@ from nearlift.reduction.quality import rejected
 from nearlift.report import blocks, words
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
-from nearlift.report.phrases import coefficient_text, explanation, is_sure, listed, sentence, sizes
+from nearlift.report.phrases import (
+    coefficient_text,
+    explanation,
+    is_sure,
+    listed,
+    sentence,
+    several,
+    sizes,
+)
 from nearlift.rounding import plain
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import POSTERIOR
@@ -169,7 +177,7 @@ def _loop(evidence: Evidence) -> str:
         )
         untested = dict.fromkeys(titled(name) for d in diagnosed for name in d.untestable)
         if untested:
-            tested += f" Untestable with what was logged: {listed([*untested])}."
+            tested += f" Untestable with what was logged: {several([*untested])}."
         said.insert(0, tested)
     return " ".join(said)
 
@@ -196,7 +204,7 @@ def _verdict(evidence: Evidence, boundary: Boundary) -> str:
         error = words.error(quoted, evidence.left_out)
         text += f" {sentence(f'cross-validated error: {error}')}"
     if could := diagnosis.sensitivity:
-        text += f" {could.trials} trials {titled(str(could))}."
+        text += f" {words.power(could)}."
     return text
 
 
