@@ -375,39 +375,3 @@ def test_what_cannot_be_is_refused_with_nan() -> None:
     assert np.isnan(held(-0.1, held_exponent=0.5))
     assert np.isnan(image(3.0, strength=1.6))
     assert np.isfinite(image(2.3, strength=1.7))
-
-
-def curvature(effect: Effect) -> float:
-    """Part of the effect, of a large size and its slowest shape, that is no straight line along its
-    covariate.
-    """
-    known = trials() | {"throttle": np.linspace(0.25, 0.92, 24), "z_hat": np.linspace(0.5, 6.0, 24)}
-    for name in {"turn_rad", "tilt_rad", "supply_V", "speed_hat", "temperature_K"} & known.keys():
-        known[name] = np.linspace(known[name].min(), known[name].max(), 24)
-    lift = np.random.default_rng(3).uniform(0.1, 0.5, 24)
-    # shapes far beyond their upper bound: the limiting case
-    values = {p.name: 1e6 * p.bounds[1] if p.grid else 0.8 * p.bounds[1] for p in effect.parameters}
-    change = effect(lift, **of(effect, known), **values) - lift
-    along = known["elapsed_hat" if effect.varies_with == "start_s" else effect.varies_with]
-    line = np.stack([np.ones(24), along], axis=1)
-    change = change if effect.additive else change / lift
-    left = change - line @ np.linalg.lstsq(line, change, rcond=None)[0]
-    return float(np.abs(left).max() / np.abs(change - change.mean()).max())
-
-
-@pytest.mark.parametrize(
-    "effect",
-    [
-        e
-        for e in EFFECTS
-        if e.acts_on == "force"
-        and e.belongs_to != "flight"
-        and (e.varies_with in e.needs or e.varies_with == "start_s")
-    ],
-    ids=lambda e: e.name,
-)
-def test_a_force_effect_declares_whether_its_form_contains_a_straight_line(effect):
-    if effect.contains_line:
-        assert curvature(effect) < 1e-4
-    else:
-        assert curvature(effect) > 1e-3

@@ -21,7 +21,6 @@ from nearlift.loop import (
     confirmation,
     families,
     few_visits,
-    reference_trends,
     search,
     separation,
     structure,
@@ -31,7 +30,6 @@ from nearlift.loop.candidate import Candidate, moments
 from nearlift.loop.candidate_fit import fit as candidate_fit
 from nearlift.loop.candidate_fit import search as candidate_search
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.evidence import PLAIN_2LNB
 from nearlift.loop.findings import partial
 from nearlift.loop.search import pair_gains, run
 from nearlift.loop.search_problem import Options
@@ -782,10 +780,6 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
         covariates={**data.covariates, "tilt_rad": tilt},
     )
     answer = run(set_up(data, GROUND, (), Options())[0])
-    own = next(e for e in answer.singles if e.name == "tilt")
-    assert (
-        reference_trends.log_evidence(answer.problem, own) > own.evidence.over_none + PLAIN_2LNB / 2
-    )
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
     assert answer.verdict == "unexplained"
 
@@ -798,32 +792,11 @@ def test_gains_that_differ_by_session_are_no_single_step_in_time(gains, single_s
     data = campaign(23, visits=10)
     lift_N = data.lift_N * (1 + 0.006 * np.array(gains)[data.session])
     answer = run(set_up(dataclasses.replace(data, lift_N=lift_N), GROUND, (), Options())[0])
-    own = next(e for e in answer.singles if e.name == "session_gain")
-    ahead = reference_trends.log_evidence(answer.problem, own) - own.evidence.over_none
+    named = [e.effects for e in answer.accepted]
     if single_step:
-        assert ahead > PLAIN_2LNB / 2
-        assert not any("session_gain" in e.effects for e in answer.accepted)
+        assert ("session_gain",) not in named
     else:
-        assert ahead < -PLAIN_2LNB / 2
-        assert answer.accepted[0].effects == ("session_gain",)
-
-
-def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
-    """A zero drift many times the noise: its declared form is nearly straight, and pays for
-    being uncertain.
-    """
-    data = campaign(22, visits=10)
-    start = data.covariates["start_s"]
-    since = start - np.array([start[data.session == k].min() for k in range(5)])[data.session]
-    drift = 0.03 * np.median(data.lift_N) * -np.expm1(-since / (2 * since.max()))
-    answer = run(
-        set_up(dataclasses.replace(data, lift_N=data.lift_N + drift), GROUND, (), Options())[0]
-    )
-    own = next(e for e in answer.singles if e.name == "zero_drift")
-    assert own.evidence.exact > own.evidence.discrepant
-    assert own.evidence.over_none > reference_trends.log_evidence(answer.problem, own)
-    # alone, so that the trials tell of its form
-    assert answer.accepted == (own.without_rivals(),)
+        assert named[0] == ("session_gain",)
 
 
 def test_a_straight_line_that_its_form_contains_does_not_disown_an_effect():
@@ -837,13 +810,6 @@ def test_a_straight_line_that_its_form_contains_does_not_disown_an_effect():
     stage = set_up(dataclasses.replace(data, lift_N=data.lift_N + drift), GROUND, (), Options())[0]
     answer = run(stage)
     assert ("zero_drift",) in {e.effects for e in answer.accepted}
-    own = next(e for e in answer.singles if e.name == "zero_drift")
-    curved = dataclasses.replace(own.fitted.candidate.effects[0], contains_line=False)
-    candidate = dataclasses.replace(own.fitted.candidate, effects=(curved,))
-    other = dataclasses.replace(own, fitted=dataclasses.replace(own.fitted, candidate=candidate))
-    # the line in force leads, and would disown an effect that does not contain it
-    lead = reference_trends.log_evidence(answer.problem, other) - own.evidence.over_none
-    assert lead > PLAIN_2LNB / 2
 
 
 def test_an_adequate_model_predicts_to_the_noise_floor_and_strains_nothing_declared(null_stage):

@@ -18,7 +18,6 @@ from nearlift.loop import (
     confirmation,
     discrepancy,
     findings,
-    reference_trends,
     search,
     search_problem,
     structure,
@@ -26,7 +25,7 @@ from nearlift.loop import (
 )
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.explanation import LEAST_SHARE
-from nearlift.loop.families import STEP, families
+from nearlift.loop.families import families
 from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.search_problem import Options
 from nearlift.loop.size_parameter import size_parameters
@@ -304,11 +303,6 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
             ), name
             checked += 1
     assert checked > 20
-    steps = [c for name, c in named if name == STEP]
-    assert reference_trends.best_step(stage) == pytest.approx(
-        max(whole - integrated(stage, rest, np.hstack([slopes, c]), none)[0] for c in steps),
-        rel=1e-6,
-    )
 
 
 def test_excess_is_the_chi_square_of_all_directions_beyond_their_number(stage):

@@ -225,9 +225,6 @@ class Effect(Declaration):
         An additive effect that is absent while the rotors are at rest.
     within_trial : bool
         Its signature is a change during a record, which the mean of a trial does not show.
-    contains_line : bool
-        A straight line of any slope along `varies_with` is a special or limiting case of the form.
-        The line is in force if the effect is additive, else in gain.
     """
 
     acts_on: Literal["height", "ratio", "force"]
@@ -243,7 +240,6 @@ class Effect(Declaration):
     error_of: str = ""
     loaded: bool = False
     within_trial: bool = False
-    contains_line: bool = False
 
     def __post_init__(self) -> None:
         super(Effect, self).__post_init__()

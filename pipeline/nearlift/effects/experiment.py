@@ -82,7 +82,7 @@ def mount_blockage(lift: Any, /, *, inverted: Any, blockage: Any) -> Any:
 
 MOUNT_BLOCKAGE = Effect(
     "mount_blockage", "Mount blockage", r"L \to L \, (1 - k \cdot \mathrm{inverted})",
-    mount_blockage, acts_on="force", by_experiment=True, varies_with="inverted", contains_line=True,
+    mount_blockage, acts_on="force", by_experiment=True, varies_with="inverted",
     needs=("inverted",), log_next_time=("orientation",),
     mechanism="upright the inflow passes sting and cell, inverted the jets blow at them",
     separated_by="lift far away, both ways up and in turns",
@@ -180,7 +180,7 @@ def propeller_step(lift: Any, /, *, other_propeller: Any, propeller_gain: Any) -
 PROPELLER_STEP = Effect(
     "propeller_step", "Propeller change", r"L \to L \, (1 + g \cdot \mathrm{other})",
     propeller_step, acts_on="force", by_experiment=True, varies_with="other_propeller",
-    contains_line=True, needs=("other_propeller",), log_next_time=("propeller",),
+    needs=("other_propeller",), log_next_time=("propeller",),
     mechanism="a nicked, bent or exchanged blade has another lift at the same throttle",
     separated_by="going back to the first propellers",
     parameters=(

@@ -71,7 +71,7 @@ def zero_drift(
 
 ZERO_DRIFT = Effect(
     "zero_drift", "Zero drift", r"L \to L + F_1 \left(1 - e^{-t_\mathrm{session} / \tau_0}\right)",
-    zero_drift, acts_on="force", additive=True, varies_with="since_start_s", contains_line=True,
+    zero_drift, acts_on="force", additive=True, varies_with="since_start_s",
     needs=("session", "since_start_s"), log_next_time=("session", "start", "tare_after"),
     mechanism="cell and amplifier warm up after each start, and their zero with them",
     separated_by="a tare after each trial, and several throttles at any time in the session",
@@ -119,7 +119,7 @@ def zero_temperature(
 
 ZERO_TEMPERATURE = Effect(
     "zero_temperature", "Thermal zero drift", r"L \to L + F_T \, (T - T_0)", zero_temperature,
-    acts_on="force", additive=True, varies_with="temperature_K", contains_line=True,
+    acts_on="force", additive=True, varies_with="temperature_K",
     needs=("temperature_K", "temperature_ref_K"), log_next_time=("temperature",),
     mechanism="the zero of cell and amplifier follows their temperature",
     separated_by="several throttles at each temperature, and motors-off records",
@@ -204,7 +204,7 @@ def cell_creep(lift: Any, /, *, previous_lift_N: Any, rest_s: Any, creep: Any, c
 CELL_CREEP = Effect(
     "cell_creep", "Cell creep",
     r"L \to L + c \, L_\mathrm{previous} \, e^{-t_\mathrm{rest} / \tau_c}", cell_creep,
-    acts_on="force", additive=True, loaded=True, varies_with="previous_lift_N", contains_line=True,
+    acts_on="force", additive=True, loaded=True, varies_with="previous_lift_N",
     needs=("previous_lift_N", "rest_s"), log_next_time=("start", "tare_after"),
     mechanism="the load cell still recovers from the load of the trial before",
     separated_by="throttles in random order, longer pauses, and a tare after each trial",
@@ -253,7 +253,7 @@ def tether_stiffness(lift: Any, /, *, z_hat: Any, radius_m: Any, stiffness_N_per
 
 TETHER_STIFFNESS = Effect(
     "tether_stiffness", "Tether stiffness", r"L \to L + k_c \, r \hat{z}", tether_stiffness,
-    acts_on="force", additive=True, varies_with="z_hat", contains_line=True,
+    acts_on="force", additive=True, varies_with="z_hat",
     needs=("z_hat", "radius_m"), log_next_time=("motors-off sweep of heights",),
     mechanism="bent wiring pulls in proportion to height",
     separated_by=(

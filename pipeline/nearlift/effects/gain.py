@@ -147,7 +147,7 @@ def gain_drift(lift: Any, /, *, elapsed_hat: Any, drift: Any) -> Any:
 
 GAIN_DRIFT = Effect(
     "gain_drift", "Gain drift", r"L \to L \, (1 + d \, \hat{t}), \quad \hat{t} \in [-1, 1]",
-    gain_drift, acts_on="force", varies_with="start_s", contains_line=True, needs=("elapsed_hat",),
+    gain_drift, acts_on="force", varies_with="start_s", needs=("elapsed_hat",),
     log_next_time=("start",),
     mechanism="wear of motors and blades, or the amplifier's gain, moves slowly in one direction",
     separated_by="random order, and lift in free air every few trials",
@@ -188,7 +188,7 @@ def warm_up(lift: Any, /, *, session: Any, since_start_s: Any, warming: Any, war
 
 WARM_UP = Effect(
     "warm_up", "Warm-up", r"L \to L \left(1 + w \, e^{-t_\mathrm{session} / \tau_w}\right)",
-    warm_up, acts_on="force", varies_with="since_start_s", contains_line=True,
+    warm_up, acts_on="force", varies_with="since_start_s",
     needs=("session", "since_start_s"), log_next_time=("session", "start"),
     mechanism="motors warm up over the first minutes of a session",
     separated_by="random order and cold repeats",

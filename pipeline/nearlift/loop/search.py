@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.loop import reference_trends, structure, weigh
+from nearlift.loop import structure, weigh
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
@@ -35,9 +35,6 @@ LINEARISATION_SLACK, LINEARISATION_SLACK_CHI2 = 0.1, 10.0
 LARGE = 0.3
 #: Log evidence by which an explanation on a `Shortlist` may trail: first order is not exact.
 SLACK = 3.0
-#: Share of the structure's excess chi2, and log Bayes factor over the null, from which an effect is
-#: accepted although its form is inexact; its form's uncertainty is then multiplied by the last.
-NEARLY_ALL, PLAIN, LOOSER = 0.8, 15.0, 2.0
 #: Explanations to try, each the names of its effects.
 Shortlist = frozenset[tuple[str, ...]]
 
@@ -176,52 +173,34 @@ class Answer:
 
 def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """Test, then single effects, then pairs if no single one will do; those of the `shortlist`, if
-    there is one.
-
-    An effect is disowned if a reference trend leads it by more than a rival may trail. Something
-    then varies with its covariate, but not as the effect does.
+    there is one. Once an explanation is accepted, all that may be named are weighed.
     """
     first, _ = problem.nothing_added
     if not first.present:
         return Answer(problem=problem, first=first, singles=(), pairs=())
-    seen = {e.name: e for e, _ in problem.library}
-    if shortlist:
-        seen = {name: e for name, e in seen.items() if (name,) in shortlist}
-    visible = [e for e in seen.values() if visibility(problem, e) > SILENT]
+    library = {e.name: e for e, _ in problem.library}.values()
+    tried = [
+        (e, problem.explain((e,)))
+        for e in library
+        if (not shortlist or (e.name,) in shortlist) and visibility(problem, e) > SILENT
+    ]
     # one that has no value at some trial, however small, explains nothing
-    tried = [(e, problem.explain((e,))) for e in visible]
-    visible = [e for e, s in tried if np.isfinite(s.gain)]
-    singles = tuple(s for _, s in tried if np.isfinite(s.gain))
-    if not any(s.accepted for s in singles):
-        singles = accept_inexact(problem, singles)
-    margin = PLAIN_2LNB / 2
-    disowned = {
-        s.name
-        for s in singles
-        if s.accepted and s.evidence.over_none < reference_trends.log_evidence(problem, s) - margin
-    }
-    if disowned:
-        singles = tuple(
-            dataclasses.replace(s, needed=s.needed and s.name not in disowned) for s in singles
-        )
-        visible = [e for e in visible if e.name not in disowned]
-    alone = [s for s in singles if s.accepted]
-    best = max(alone, key=lambda e: e.evidence.log, default=None)
+    tried = [(e, s) for e, s in tried if np.isfinite(s.gain)]
+    effects, singles = [e for e, _ in tried], tuple(s for _, s in tried)
     gains = {s.name: s.gain for s in singles}
-    offered = (
-        promising(problem, gains, visible, best)
-        if shortlist is None
-        else [
-            (one, two) for one, two in combinations(visible, 2) if (one.name, two.name) in shortlist
-        ]
-    )
+    if shortlist is None:
+        alone = [s for s in singles if s.accepted]
+        best = max(alone, key=lambda e: e.evidence.log, default=None)
+        offered = promising(problem, gains, effects, best)
+    else:
+        pairs_of = combinations(effects, 2)
+        offered = [(one, two) for one, two in pairs_of if (one.name, two.name) in shortlist]
     pairs = tuple(
         problem.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
     )
-    allowed: tuple[Explanation, ...] = ()
-    if any(e.accepted for e in (*singles, *pairs)):
-        possible = (e for e in (*singles, *pairs) if e.may_be_named)
-        allowed = tuple(e for e in possible if e.name not in disowned)
+    both = (*singles, *pairs)
+    some = any(e.accepted for e in both)
+    allowed = tuple(e for e in both if some and e.may_be_named)
     accepted = weigh.credible_set(problem, allowed)
     if len(accepted) == 1:
         accepted = (accepted[0].without_rivals(),)
@@ -302,22 +281,3 @@ def pair_gains(problem: SearchProblem) -> dict[tuple[str, str], float]:
         )
         best[one, two] = best[two, one] = max(best[one, two], gain)
     return best
-
-
-def accept_inexact(
-    problem: SearchProblem, tried: tuple[Explanation, ...]
-) -> tuple[Explanation, ...]:
-    """Accept explanations that remove `NEARLY_ALL` of the excess chi2, whatever they leave.
-
-    Data of a large effect resolve errors of its form that are smaller than any form is known. An
-    effect outside the library is excluded by its share: the nearest effect in the library rarely
-    removes half of it. An effect that differs by session has no form and imitates any step.
-    """
-
-    def again(e: Explanation) -> Explanation:
-        enough = e.gain >= NEARLY_ALL * problem.excess and e.evidence.over_none > PLAIN
-        if not enough or e.fitted.candidate.by_session.any():
-            return e
-        return dataclasses.replace(e, form_sd=LOOSER * e.form_sd, confirmed=True)
-
-    return tuple(map(again, tried)) if problem.options.pairs else tried

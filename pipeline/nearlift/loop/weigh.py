@@ -1,15 +1,17 @@
 """Probability of each explanation, from its evidence and its prior odds.
 
 An explanation is nothing, one effect or two, or nameless structure: a family of the test for
-structure, of any size. Log evidence is divided by `TEMPERATURE`, since the evidence of inexact
-forms is overconfident (Grunwald and van Ommen 2017, Bayesian Analysis 12, 1069). Temperature and
-prior odds were set on tuning campaigns (docs/calibration.md).
+structure, of any size. Nothing means no effect that the test would detect with a power of 80 %: a
+smaller one cannot be excluded. Log evidence is divided by `TEMPERATURE`, since the evidence of
+inexact forms is overconfident (Grunwald and van Ommen 2017, Bayesian Analysis 12, 1069).
+Temperature and prior odds were set on tuning campaigns, whose mix of causes is the base rate that
+is assumed (docs/calibration.md).
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,23 +27,25 @@ from nearlift.results.diagnosis import ExplanationProbability
 
 #: Divisor of log evidence.
 TEMPERATURE = 1.25
-#: Log prior odds over nothing of nameless structure that the test detects, and of such that it does
-#: not; those of a second effect over none.
-LOG_NAMELESS_ODDS, LOG_UNDETECTED_ODDS = float(np.log(0.02)), float(np.log(0.5))
-LOG_SECOND_ODDS = -1.0
+#: Log prior odds over nothing of nameless structure; those of a second effect over none.
+LOG_NAMELESS_ODDS, LOG_SECOND_ODDS = float(np.log(0.05)), -1.0
+#: Share of explanations that is true where none may be named: misfit of form and bounds refuse both
+#: wrong effects and right ones of another form.
+REFUSED_SHARE = 0.5
 #: Probability that the set of rival explanations holds.
 SET_PROBABILITY = 0.95
 #: Root mean square of a nameless part per trial, in standard deviations of its noise.
 RELATIVE_SIZES = np.geomspace(0.03, 1.5, 12)
 #: Least probability that is listed by itself.
 LEAST_LISTED = 0.01
-#: Log evidence by which an explanation trails the best, beyond which it is not weighed.
+#: Log evidence by which a refused explanation trails the best, beyond which it is not weighed.
 NEGLIGIBLE = 12.0
 
+K = TypeVar("K", bound=Hashable)
 #: Effects of an explanation, and the covariate of its nameless structure.
 Key = tuple[tuple[str, ...], str]
-#: An explanation with its log evidence and log prior odds.
-Term = tuple[Key, float, float]
+#: An explanation with the log of its relative probability.
+Term = tuple[Key, float]
 
 
 def family_log_evidence(chi2: FloatArray, rank: FloatArray, n: int) -> FloatArray:
@@ -72,10 +76,7 @@ def nameless(problem: SearchProblem, left: Integrated) -> dict[str, float]:
     names = [h.name for h in kept]
     shares = np.log([names.count(name) * len(set(names)) for name in names])
     log_bf = family_log_evidence(chi2, ranks, problem.data.n) - shares
-    return _summed(
-        (SCHEDULE_WORDS.get(h.covariate, h.covariate), float(value))
-        for h, value in zip(kept, log_bf, strict=True)
-    )
+    return _summed([SCHEDULE_WORDS.get(h.covariate, h.covariate) for h in kept], log_bf)
 
 
 def first_order(problem: SearchProblem) -> dict[str, float]:
@@ -84,8 +85,7 @@ def first_order(problem: SearchProblem) -> dict[str, float]:
     kept, chi2, ranks = tested(effects, problem.base_linear_fit.left)
     shapes = [h.effect for h in kept]
     log_bf = 0.5 * (chi2 - ranks * np.log(problem.data.n))
-    shares = np.log([shapes.count(name) for name in shapes])
-    return _summed((h.effect, float(value)) for h, value in zip(kept, log_bf - shares, strict=True))
+    return _summed(shapes, log_bf - np.log([shapes.count(name) for name in shapes]))
 
 
 def tested(
@@ -101,14 +101,12 @@ def tested(
     return [hypotheses[i] for i in which], chi2, ranks
 
 
-def _summed(weights: Iterable[tuple[str, float]]) -> dict[str, float]:
+def _summed(keys: Sequence[K], log: FloatArray) -> dict[K, float]:
     """Log of the sum of weights given as logarithms, by key."""
-    from scipy.special import logsumexp
-
-    by_key: dict[str, list[float]] = defaultdict(list)
-    for key, value in weights:
-        by_key[key].append(value)
-    return {key: float(logsumexp(values)) for key, values in by_key.items()}
+    total: dict[K, float] = {}
+    for key, value in zip(keys, log.tolist(), strict=True):
+        total[key] = float(np.logaddexp(total.get(key, -np.inf), value))
+    return total
 
 
 def log_odds(problem: SearchProblem, effects: int) -> float:
@@ -182,62 +180,65 @@ def weigh(
     """Probabilities of nothing, each explanation, and nameless structure along each covariate.
 
     `first` is the test on the base model, `tried` are all explanations, and `allowed` those that
-    may be named. If none is, each counts as nameless structure along what it leaves. The likeliest
-    are first; those below `LEAST_LISTED` are summed at the end.
+    may be named. The likeliest are first; those below `LEAST_LISTED` are summed at the end.
     """
-    from scipy.special import softmax
-
-    terms = _terms(problem, first, tried, allowed)
-    total: dict[Key, float] = defaultdict(float)
-    for (key, _, _), value in zip(
-        terms, softmax([log / TEMPERATURE + odds for _, log, odds in terms]), strict=True
-    ):
-        total[key] += float(value)
-    listed = sorted(total.items(), key=lambda item: -item[1])
+    terms = _unnamed(problem, first)
+    if not first.present:
+        nothing, odds = terms[0][1], log_odds(problem, 1)
+        effects = first_order(problem).items()
+        terms += [(((name,), ""), nothing + v / TEMPERATURE + odds) for name, v in effects]
+    elif allowed:
+        log = log_weights(problem, allowed).tolist()
+        terms += [((e.effects, ""), value) for e, value in zip(allowed, log, strict=True)]
+    else:
+        terms += _refused(problem, tried, [along for (_, along), _ in terms if along])
+    weights = _summed([key for key, _ in terms], np.array([value for _, value in terms]))
+    total = np.logaddexp.reduce([*weights.values()])
+    listed = sorted(((np.exp(v - total), k) for k, v in weights.items()), key=lambda i: -i[0])
     kept = [
-        ExplanationProbability(effects=effects, nameless=along or None, probability=value)
-        for (effects, along), value in listed
+        ExplanationProbability(effects=effects, nameless=along or None, probability=float(value))
+        for value, (effects, along) in listed
         if value >= LEAST_LISTED
     ]
-    rest = [value for _, value in listed if value < LEAST_LISTED]
+    rest = [float(value) for value, _ in listed if value < LEAST_LISTED]
     if rest:
         kept.append(ExplanationProbability(effects=(), other=len(rest), probability=sum(rest)))
     return tuple(kept)
 
 
-def _terms(
-    problem: SearchProblem,
-    first: Structure,
-    tried: Sequence[Explanation],
-    allowed: Sequence[Explanation],
-) -> list[Term]:
-    """Log evidence and log prior odds of everything that is weighed."""
+def _unnamed(problem: SearchProblem, first: Structure) -> list[Term]:
+    """Nothing first, then nameless structure along each covariate."""
     if problem.independent:
         # scores on visits left out are relative to the base model's, and families have none
-        nothing, along = 0.0, {next(iter(first.foremost()), "distance"): 0.0}
-    else:
-        nothing = problem.nothing_added[1]
-        along = nameless(problem, problem.base_linear_fit.left)
-    unnamed = LOG_NAMELESS_ODDS if first.present else LOG_UNDETECTED_ODDS
-    terms: list[Term] = [(((), ""), nothing, 0.0)]
-    terms += [(((), name), nothing + value, unnamed) for name, value in along.items()]
-    if not problem.independent and problem.null_fit.random_walk_gain:
-        terms.append((((), "start"), problem.unnamed, unnamed))
-    if not first.present:
-        return terms + [
-            (((name,), ""), nothing + value, log_odds(problem, 1))
-            for name, value in first_order(problem).items()
-        ]
-    terms += [((e.effects, ""), e.evidence.log, log_odds(problem, len(e.effects))) for e in allowed]
-    if allowed:
-        return terms
-    tried = [e for e in tried if np.isfinite(e.evidence.log)]
-    least = max((e.evidence.log for e in tried), default=0.0) - NEGLIGIBLE
-    for e in (e for e in tried if e.evidence.log >= least):
-        log, odds, left = e.evidence.log, log_odds(problem, len(e.effects)), along
+        foremost = next(iter(first.foremost()), "distance")
+        return [(((), ""), 0.0), (((), foremost), LOG_NAMELESS_ODDS)]
+    nothing = problem.nothing_added[1]
+    along = [*nameless(problem, problem.base_linear_fit.left).items()]
+    if problem.null_fit.random_walk_gain:
+        along.append(("start", problem.unnamed - nothing))
+    return [(((), ""), nothing / TEMPERATURE)] + [
+        (((), name), (nothing + value) / TEMPERATURE + LOG_NAMELESS_ODDS) for name, value in along
+    ]
+
+
+def _refused(
+    problem: SearchProblem, tried: Sequence[Explanation], covariates: Sequence[str]
+) -> Iterator[Term]:
+    """Explanations where none may be named: `REFUSED_SHARE` of each is true, the other share is
+    nameless structure along what it leaves; along the `covariates` of the test where it leaves
+    no families.
+    """
+    log = log_weights(problem, tried)
+    least = np.max(log, where=np.isfinite(log), initial=-np.inf) - NEGLIGIBLE / TEMPERATURE
+    for e, value in zip(tried, log.tolist(), strict=True):
+        if not value >= least:
+            continue
+        along = dict.fromkeys(covariates, 0.0)
         if not problem.independent:
             linear_fit = problem.linearised(e.fitted, e.form_sd, e.random_walk_gain)
-            left = nameless(problem, linear_fit.left)
-            terms += [(((), name), log + value, odds + unnamed) for name, value in left.items()]
-        terms.append((((), max(left, key=left.__getitem__, default="distance")), log, odds))
-    return terms
+            along = nameless(problem, linear_fit.left)
+            for name, gain in along.items():
+                yield ((), name), value + gain / TEMPERATURE + LOG_NAMELESS_ODDS
+        foremost = max(along, key=along.__getitem__, default="distance")
+        yield ((), foremost), value + float(np.log(1 - REFUSED_SHARE))
+        yield (e.effects, ""), value + float(np.log(REFUSED_SHARE))
