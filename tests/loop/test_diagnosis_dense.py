@@ -520,7 +520,7 @@ def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(sta
     assert [f.coefficient for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
     if found:
         assert found[0].share == pytest.approx(share)
-        assert found[0].rests_on.z_hat == 1.1
+        assert found[0].rests_on == {"z_hat": 1.1}
         assert f"{100 * share:.0f} %" in found[0].text
 
 

@@ -46,7 +46,8 @@ class Explanation:
         """Whether it may be named: nothing is left beyond the threshold, each name is `needed` and
         plainly likelier than none.
 
-        `confirmed` is set where visits left out decide (`few_visits`).
+        `confirmed` is set where something else decides: visits left out (`few_visits`), or the
+        share of the structure (`search.accept_inexact`).
         """
         if not self.eligible:
             return False

@@ -35,6 +35,9 @@ LINEARISATION_SLACK, LINEARISATION_SLACK_CHI2 = 0.1, 10.0
 LARGE = 0.3
 #: Log evidence by which an explanation on a `Shortlist` may trail: first order is not exact.
 SLACK = 3.0
+#: Share of the structure's excess chi2, and log Bayes factor over the null, from which an effect is
+#: accepted although its form is inexact; its form's uncertainty is then multiplied by the last.
+NEARLY_ALL, PLAIN, LOOSER = 0.8, 15.0, 2.0
 #: Explanations to try, each the names of its effects.
 Shortlist = frozenset[tuple[str, ...]]
 
@@ -187,6 +190,8 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     # one that has no value at some trial, however small, explains nothing
     tried = [(e, s) for e, s in tried if np.isfinite(s.gain)]
     effects, singles = [e for e, _ in tried], tuple(s for _, s in tried)
+    if not any(s.accepted for s in singles):
+        singles = accept_inexact(problem, singles)
     gains = {s.name: s.gain for s in singles}
     if shortlist is None:
         alone = [s for s in singles if s.accepted]
@@ -281,3 +286,22 @@ def pair_gains(problem: SearchProblem) -> dict[tuple[str, str], float]:
         )
         best[one, two] = best[two, one] = max(best[one, two], gain)
     return best
+
+
+def accept_inexact(
+    problem: SearchProblem, tried: tuple[Explanation, ...]
+) -> tuple[Explanation, ...]:
+    """Accept explanations that remove `NEARLY_ALL` of the excess chi2, whatever they leave.
+
+    Data of a large effect resolve errors of its form that are smaller than any form is known. An
+    effect outside the library is excluded by its share: the nearest effect in the library rarely
+    removes half of it. An effect that differs by session has no form and imitates any step.
+    """
+
+    def again(e: Explanation) -> Explanation:
+        enough = e.gain >= NEARLY_ALL * problem.excess and e.evidence.over_none > PLAIN
+        if not enough or e.fitted.candidate.by_session.any():
+            return e
+        return dataclasses.replace(e, form_sd=LOOSER * e.form_sd, confirmed=True)
+
+    return tuple(map(again, tried)) if problem.options.pairs else tried

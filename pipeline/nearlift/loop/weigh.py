@@ -28,10 +28,13 @@ from nearlift.results.diagnosis import ExplanationProbability
 #: Divisor of log evidence.
 TEMPERATURE = 1.25
 #: Log prior odds over nothing of nameless structure; those of a second effect over none.
-LOG_NAMELESS_ODDS, LOG_SECOND_ODDS = float(np.log(0.05)), -1.0
-#: Share of explanations that is true where none may be named: misfit of form and bounds refuse both
-#: wrong effects and right ones of another form.
-REFUSED_SHARE = 0.5
+LOG_NAMELESS_ODDS, LOG_SECOND_ODDS = float(np.log(0.03)), -1.0
+#: Log odds of nothing once the test is significant, over those while it is silent.
+LOG_DETECTED_ODDS = -1.0
+#: Share of explanations that is true: of those that may be named, since structure outside the
+#: library can imitate an effect; and where none may be named, since misfit of form and bounds
+#: refuse both wrong effects and right ones of another form.
+NAMED_SHARE, REFUSED_SHARE = 0.97, 0.5
 #: Probability that the set of rival explanations holds.
 SET_PROBABILITY = 0.95
 #: Root mean square of a nameless part per trial, in standard deviations of its noise.
@@ -187,11 +190,8 @@ def weigh(
         nothing, odds = terms[0][1], log_odds(problem, 1)
         effects = first_order(problem).items()
         terms += [(((name,), ""), nothing + v / TEMPERATURE + odds) for name, v in effects]
-    elif allowed:
-        log = log_weights(problem, allowed).tolist()
-        terms += [((e.effects, ""), value) for e, value in zip(allowed, log, strict=True)]
     else:
-        terms += _refused(problem, tried, [along for (_, along), _ in terms if along])
+        terms += _explained(problem, first, allowed or tried, bool(allowed))
     weights = _summed([key for key, _ in terms], np.array([value for _, value in terms]))
     total = np.logaddexp.reduce([*weights.values()])
     listed = sorted(((np.exp(v - total), k) for k, v in weights.items()), key=lambda i: -i[0])
@@ -208,37 +208,36 @@ def weigh(
 
 def _unnamed(problem: SearchProblem, first: Structure) -> list[Term]:
     """Nothing first, then nameless structure along each covariate."""
+    odds = LOG_DETECTED_ODDS if first.present else 0.0
     if problem.independent:
         # scores on visits left out are relative to the base model's, and families have none
         foremost = next(iter(first.foremost()), "distance")
-        return [(((), ""), 0.0), (((), foremost), LOG_NAMELESS_ODDS)]
+        return [(((), ""), odds), (((), foremost), LOG_NAMELESS_ODDS)]
     nothing = problem.nothing_added[1]
     along = [*nameless(problem, problem.base_linear_fit.left).items()]
     if problem.null_fit.random_walk_gain:
         along.append(("start", problem.unnamed - nothing))
-    return [(((), ""), nothing / TEMPERATURE)] + [
-        (((), name), (nothing + value) / TEMPERATURE + LOG_NAMELESS_ODDS) for name, value in along
-    ]
+    terms: list[Term] = [(((), ""), nothing / TEMPERATURE + odds)]
+    for name, value in along:
+        terms.append((((), name), (nothing + value) / TEMPERATURE + LOG_NAMELESS_ODDS))
+    return terms
 
 
-def _refused(
-    problem: SearchProblem, tried: Sequence[Explanation], covariates: Sequence[str]
+def _explained(
+    problem: SearchProblem, first: Structure, explanations: Sequence[Explanation], named: bool
 ) -> Iterator[Term]:
-    """Explanations where none may be named: `REFUSED_SHARE` of each is true, the other share is
-    nameless structure along what it leaves; along the `covariates` of the test where it leaves
-    no families.
+    """Explanations, a share of each as nameless structure; with more of it in what they leave, if
+    none may be `named`.
     """
-    log = log_weights(problem, tried)
+    log = log_weights(problem, explanations)
     least = np.max(log, where=np.isfinite(log), initial=-np.inf) - NEGLIGIBLE / TEMPERATURE
-    for e, value in zip(tried, log.tolist(), strict=True):
-        if not value >= least:
+    share, foremost = NAMED_SHARE if named else REFUSED_SHARE, next(iter(first.foremost()))
+    for e, value in zip(explanations, log.tolist(), strict=True):
+        if not (named or value >= least):
             continue
-        along = dict.fromkeys(covariates, 0.0)
-        if not problem.independent:
+        yield (e.effects, ""), value + float(np.log(share))
+        yield ((), foremost), value + float(np.log(1 - share))
+        if not (named or problem.independent):
             linear_fit = problem.linearised(e.fitted, e.form_sd, e.random_walk_gain)
-            along = nameless(problem, linear_fit.left)
-            for name, gain in along.items():
+            for name, gain in nameless(problem, linear_fit.left).items():
                 yield ((), name), value + gain / TEMPERATURE + LOG_NAMELESS_ODDS
-        foremost = max(along, key=along.__getitem__, default="distance")
-        yield ((), foremost), value + float(np.log(1 - REFUSED_SHARE))
-        yield (e.effects, ""), value + float(np.log(REFUSED_SHARE))
