@@ -23,8 +23,8 @@ from nearlift.errors import InputRefused
 from nearlift.flight.export.model_export import ModelExport, exported, json_schema
 from nearlift.flight.export.source import c_header
 from nearlift.flight.export.table import lift_table
-from nearlift.flight.fitted_lift import QuotedInterval
 from nearlift.models.images import IMAGES_EDGE
+from nearlift.results import Estimate
 from nearlift.results.document import as_json, typed
 from nearlift.run import tables
 from nearlift.stages import export as controller
@@ -38,7 +38,7 @@ needs_compiler = pytest.mark.skipif(GCC is None, reason="no C compiler on this m
 #: A float carries 6e-8; the table is within 1.5e-7 of the model, and either form takes some ten
 #: roundings. A slope, relative to the largest, is a difference of them.
 FLOAT, SLOPE = 2e-6, 2e-4
-NOTHING_FREE = {"best": {}, "intervals": {}, "draws": {}, "number": 1, "effects": ()}
+NOTHING_FREE = {"best": {}, "intervals": {}, "draws": {}, "effects": ()}
 
 
 @pytest.fixture(scope="module")
@@ -375,7 +375,7 @@ def test_an_effect_in_time_is_not_said_to_be_in_the_function(lifts, base, free):
             arguments={**known, "supply_V": 1.0, "supply_ref_V": 1.0},
             best={n: ground.best[n] for n in free} | {"sag_exponent": 2.0},
             intervals={n: ground.intervals[n] for n in free}
-            | {"sag_exponent": QuotedInterval(2.0, 1.9, 2.1)},
+            | {"sag_exponent": Estimate(value=2.0, lo90=1.9, hi90=2.1)},
             draws={n: ground.draws[n] for n in free} | {"sag_exponent": np.array([1.9, 2.1])},
             effects=("supply_sag",),
         )

@@ -19,7 +19,7 @@ from scipy.interpolate import make_interp_spline
 from nearlift import catalogue
 from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.flight.export.source import c_header, python_module
-from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.quoted_lift import QuotedLift
 
 R = 0.023
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
@@ -47,15 +47,13 @@ def test_every_program_of_the_page_is_tested() -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The export of a campaign called my-rig."""
     out = tmp_path_factory.mktemp("export")
-    lift = FittedLift(
+    lift = QuotedLift(
         boundary="ground",
         model=MODEL,
         arguments=GEOMETRY,
         best={"K_b": 2.0},
         intervals={},
-        number=3,
         draws={"K_b": np.array([1.9, 2.0, 2.1])},
-        source="draws",
         measured_z_hat=(1.14, 11.5),
     )
     whole = ModelExport(

@@ -21,8 +21,8 @@ from nearlift.declare import compose
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.flight import fitted, paper
 from nearlift.flight.fitted import conditions, fitted_flights
-from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.paper import CRAZYFLIE_AS_PRINTED
+from nearlift.flight.quoted_lift import QuotedLift
 from nearlift.flight.vehicle import poles
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.files import drawn, render
@@ -143,15 +143,13 @@ def of_a_fit(boundary, contact_m, flights, craft=CRAZYFLIE_AS_PRINTED, **chosen)
     """Flights of a vehicle whose fit is known to 1 %."""
     name, arguments, parameter, value, nearest = LIFT[boundary]
     rng = np.random.default_rng(2)
-    lift = FittedLift(
+    lift = QuotedLift(
         boundary=boundary,
         model=catalogue.model(name),
         arguments=arguments,
         best={parameter: value},
         intervals={},
-        number=4,
         draws={parameter: value * (1 + 0.01 * rng.standard_normal(4))},
-        source="draws",
         measured_z_hat=(nearest, 11.5),
     )
     asked = Simulate(flights=flights, **chosen)
@@ -200,15 +198,13 @@ def test_a_limit_of_thrust_as_the_equations_alone_have_it(few_flights):
 
 def test_a_sagging_supply_sags_without_a_boundary_too(few_flights):
     """A ceiling without effect (alpha = 0): with and without it the same flights crash."""
-    lift = FittedLift(
+    lift = QuotedLift(
         boundary="ceiling",
         model=compose(catalogue.model("hsiao_chirarattananon"), catalogue.effect("supply_sag")),
         arguments={"supply_V": 1.0, "supply_ref_V": 1.0},
         best={"alpha": 0.0, "sag_exponent": 2.0},
         intervals={},
-        number=2,
         draws={"alpha": np.zeros(2), "sag_exponent": np.full(2, 2.0)},
-        source="draws",
         measured_z_hat=(0.1, 11.5),
         supply_V=(4.0, 3.7),
     )
@@ -371,9 +367,9 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(
     job = remake("ground", simulate=QUICK | {"flights": 60, "presets": [], "set_points": {}})
     wall = replace(quoted.fitted_lift(job, "ground", 3), measured_z_hat=(2.4, 11.0))
     monkeypatch.setattr(
-        FittedLift,
+        QuotedLift,
         "ratio",
-        lambda self, member=-1, **changes: lambda z: 1 + 20 * np.exp(-8 * (z - 0.52)) + 0.01 / z**2,
+        lambda self, member=-1: lambda z: 1 + 20 * np.exp(-8 * (z - 0.52)) + 0.01 / z**2,
     )
     monkeypatch.setattr("nearlift.flight.quoted_lift.QuotedLifts.lift", lambda *args: wall)
     simulate.run(job)

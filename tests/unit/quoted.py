@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from nearlift.declare import Boundary
-from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.quoted_lift import QuotedLift
 from nearlift.report.evidence import Evidence
 from nearlift.run.engine import Job
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED, quoted_lifts
@@ -193,7 +193,7 @@ def _coefficient(own: dict[str, Any], e: Mapping[str, Any]) -> None:
     }
 
 
-def fitted_lift(job: Job, side: Boundary, number: int) -> FittedLift:
+def fitted_lift(job: Job, side: Boundary, number: int) -> QuotedLift:
     """The lift of one boundary of a finished job, with so many draws."""
     return quoted_lifts(job).lift(side, number)
 

@@ -19,7 +19,7 @@ from nearlift.declare import Boundary
 from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate, energy, paper
 from nearlift.flight.crash_rate import CrashLevel, Rows, StepTest, Sweep, sweep
-from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.quoted_lift import QuotedLift
 from nearlift.flight.roll import Roll
 from nearlift.flight.simulation import Simulation, Spread, steps_per_hold, tabulate
 from nearlift.flight.vehicle import (
@@ -32,6 +32,7 @@ from nearlift.flight.vehicle import (
 )
 from nearlift.randomness import generator
 from nearlift.results.document import IfAny, Real
+from nearlift.results.quotation import Results
 
 #: Least number of flights behind a set-point that is advised.
 ADVISED_FLIGHTS = 1000
@@ -207,7 +208,7 @@ def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
 
 
 def fitted_flights(
-    lift: FittedLift,
+    lift: QuotedLift,
     chosen: Simulate,
     how: Simulation,
     held: energy.Held,
@@ -269,7 +270,7 @@ def fitted_flights(
         parameters=dict(lift.best),
         effects=lift.effects,
         left_on_the_bench=lift.left,
-        draws_from=lift.source,
+        draws_from=Results.file,
         draws=lift.number,
         contact_z_hat=contact,
         contact_m=contact * craft.radius_m,
@@ -287,7 +288,7 @@ def fitted_flights(
     return entry, _rows(lift, how, flown, draws, held)
 
 
-def _rows(lift: FittedLift, how: Simulation, flown: Sweep, draws: Sweep, held: energy.Held) -> Rows:
+def _rows(lift: QuotedLift, how: Simulation, flown: Sweep, draws: Sweep, held: energy.Held) -> Rows:
     """Rows of crash_rates.parquet: no boundary, both extrapolations, and every draw."""
     name = lift.model.name
     parts = [

@@ -22,10 +22,10 @@ from nearlift.flight.detection import (
     reaches,
     refuse_folds,
 )
-from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.quoted_lift import QuotedLifts
+from nearlift.flight.quoted_lift import QuotedLift, QuotedLifts
 from nearlift.reduction.quality import rejected
 from nearlift.results.document import IfAny, Real
+from nearlift.results.quotation import Results
 
 #: Draws of each model.
 DRAWS = 100
@@ -204,12 +204,12 @@ def sensor(quoted: QuotedLifts, boundary: Boundary) -> Sensor:
     return Sensor(short_per_sqrt_Hz=noise, floor=floor)
 
 
-def _sag_exponent(lift: FittedLift) -> float:
+def _sag_exponent(lift: QuotedLift) -> float:
     """|d ln lift / d ln supply voltage|."""
     return abs(lift.best.get("sag_exponent", SAG_EXPONENT))
 
 
-def _refuse_ambiguous(lift: FittedLift) -> None:
+def _refuse_ambiguous(lift: QuotedLift) -> None:
     """Refuse a lift whose best estimate or any draw has the same ratio at two heights.
 
     A draw may be constant, where the interval of a coefficient reaches 0.
@@ -219,7 +219,7 @@ def _refuse_ambiguous(lift: FittedLift) -> None:
         refuse_folds(ratio, *lift.measured_z_hat, where, constant=i > 0)
 
 
-def _boundary(lift: FittedLift, device: Sensor, chosen: Detect) -> BoundaryProximity:
+def _boundary(lift: QuotedLift, device: Sensor, chosen: Detect) -> BoundaryProximity:
     """Significant range and inferred heights (none where the model folds)."""
     exponent, (best, *draws) = _sag_exponent(lift), lift.ratios
     low, high = lift.measured_z_hat
@@ -238,7 +238,7 @@ def _boundary(lift: FittedLift, device: Sensor, chosen: Detect) -> BoundaryProxi
     return BoundaryProximity(
         model=lift.model.name,
         title=lift.title,
-        draws_from=lift.source,
+        draws_from=Results.file,
         effects=lift.effects,
         measured_z_hat=lift.measured_z_hat,
         largest_change=lift.largest_change,
@@ -252,7 +252,7 @@ def _boundary(lift: FittedLift, device: Sensor, chosen: Detect) -> BoundaryProxi
 
 
 def _ranges(
-    lift: FittedLift, device: Sensor, chosen: Detect, radius_m: float
+    lift: QuotedLift, device: Sensor, chosen: Detect, radius_m: float
 ) -> list[dict[str, object]]:
     """Rows of detection.parquet: detection ranges over supplies, payloads and averaging times."""
     rows = []

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.flight import Ratio
 from nearlift.results.document import IfAny, Numbers, Real
 
@@ -24,6 +25,8 @@ INERTIA_SPREAD = (
     / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0])
     / math.sqrt(3)
 )
+#: Least and largest gap, z_hat.
+LEAST_GAP, FARTHEST_GAP = 0.01, 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +82,7 @@ def roll_beside_wall(
     (log-normal; `INERTIA_SPREAD` if None), included in the interval of the acceleration.
     """
     u_inertia = INERTIA_SPREAD if u_inertia is None else u_inertia
-    z_hat = np.geomspace(max(nearest_z_hat, 0.01), 2.0, 40)
+    z_hat = np.geomspace(max(nearest_z_hat, LEAST_GAP), FARTHEST_GAP, 40)
     loss, far = (
         np.stack([1.0 - ratio(z) for ratio in ratios]) for z in (z_hat, z_hat + spacing_hat)
     )
@@ -87,31 +90,27 @@ def roll_beside_wall(
     both = loss + far
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)
-    whole = weight_N / 2 * arm_m
     factor = np.exp(u_inertia * rng.standard_normal(len(loss) - 1))
-    answers = []
-    for torque in (whole * 2.0 * loss, whole * share):
+
+    def rolled(lost: FloatArray) -> RollTorque:
+        torque = weight_N / 2 * arm_m * lost
         low, high = np.percentile(torque[1:], [5, 95], axis=0)
-        acceleration = slow = fast = None
+        turning: dict[str, float] = {}
         if inertia_kg_m2 is not None:
-            scale = math.degrees(1.0 / inertia_kg_m2)
-            acceleration = scale * float(torque[0, 0])
-            slow, fast = np.percentile(scale * torque[1:, 0] / factor, [5, 95]).tolist()
-        answers.append(
-            RollTorque(
-                torque_N_m=torque[0],
-                lo90_N_m=low,
-                hi90_N_m=high,
-                acceleration_deg_s2=acceleration,
-                lo90_deg_s2=slow,
-                hi90_deg_s2=fast,
-            )
-        )
+            per_torque = math.degrees(1.0 / inertia_kg_m2)
+            slow, fast = np.percentile(per_torque * torque[1:, 0] / factor, [5, 95])
+            turning = {
+                "acceleration_deg_s2": per_torque * float(torque[0, 0]),
+                "lo90_deg_s2": float(slow),
+                "hi90_deg_s2": float(fast),
+            }
+        return RollTorque(torque_N_m=torque[0], lo90_N_m=low, hi90_N_m=high, **turning)
+
     return Roll(
         arm_m=arm_m,
         z_hat=z_hat,
         inertia_kg_m2=inertia_kg_m2,
         u_inertia=u_inertia,
-        near_pair_only=answers[0],
-        same_law=answers[1],
+        near_pair_only=rolled(2.0 * loss),
+        same_law=rolled(share),
     )

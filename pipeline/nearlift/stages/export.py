@@ -15,6 +15,7 @@ from nearlift.flight.export.model_export import ModelExport, exported, json_sche
 from nearlift.flight.export.source import c_header, python_module
 from nearlift.results.document import as_json
 from nearlift.results.fit import FitResults
+from nearlift.results.quotation import Results
 from nearlift.run import tables
 from nearlift.run.engine import Job
 from nearlift.stages.diagnose import quoted_lifts
@@ -38,7 +39,7 @@ def model_export(job: Job) -> ModelExport:
         date=(
             "unknown" if newest is None else datetime.fromtimestamp(newest, UTC).date().isoformat()
         ),
-        source=", ".join(dict.fromkeys(lift.source for lift in lifts.values())),
+        source=Results.file,
         rotor_radius_m=job.campaign.vehicle.rotor_radius,
         held=job.campaign.rig.held,
         boundaries={b: exported(lift) for b, lift in lifts.items()},

@@ -14,7 +14,7 @@ from nearlift.errors import InputRefused
 from nearlift.flight.detection import refuse_folds
 from nearlift.flight.energy import Held
 from nearlift.flight.export.table import LiftTable, lift_table
-from nearlift.flight.fitted_lift import AT_REFERENCE, FittedLift
+from nearlift.flight.quoted_lift import AT_REFERENCE, QuotedLift
 
 #: Number of heights at which L / L_inf is stated with its interval.
 N_STATED = 5
@@ -103,7 +103,7 @@ def json_schema() -> dict[str, object]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
-def exported(lift: FittedLift) -> ExportedLift:
+def exported(lift: QuotedLift) -> ExportedLift:
     """Exported lift model of one boundary, over its stations within the model's validity.
 
     Raises
