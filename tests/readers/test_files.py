@@ -263,6 +263,20 @@ def test_the_first_sheet_is_a_record(write: object, tmp_path: Path) -> None:
 
 
 @WRITERS
+def test_blank_rows_and_a_title_above_a_sheets_table(write: object, tmp_path: Path) -> None:
+    name = f"a.{write.__name__}"  # type: ignore[attr-defined]
+    path = write(tmp_path / name, [["", ""], ["stand 7", ""], ["", ""], *RECORD])  # type: ignore[operator]
+    found = inspect(path)
+    assert [(c.name, len(c.values)) for c in found.contents.channels] == [
+        ("time (s)", 50),
+        ("force (N)", 50),
+    ]
+    path = write(tmp_path / name, [["rig", "A"], ["by", "B"], ["on", "C"]], RECORD)  # type: ignore[operator]
+    with pytest.raises(InputRefused, match="no rows of numbers in its first sheet, 'S1'; others"):
+        inspect(path)
+
+
+@WRITERS
 def test_a_sheet_may_have_one_column(write: object, tmp_path: Path) -> None:
     path = write(tmp_path / f"a.{write.__name__}", [["force"], *([i / 4] for i in range(20))])  # type: ignore[operator, attr-defined]
     [force] = reader("sheet").open(path, {}).channels

@@ -188,7 +188,7 @@ def test_a_lost_line_is_named(lost: int, name: str, tmp_path: Path) -> None:
     content = "\n".join(PAIRS[:lost] + PAIRS[lost + 1 :]) + "\n"
     if name == "millis" or lost > 16:
         with pytest.raises(InputRefused, match=r"a line is lost"):
-            read(tmp_path, content, {"columns": ["force", name], "lines": 2})
+            read(tmp_path, content, {"columns": ["force", name], "lines": 2}, ("force",))
 
 
 def test_ignored_lines_between_rows_of_two_lines(tmp_path: Path) -> None:

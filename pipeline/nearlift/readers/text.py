@@ -183,7 +183,13 @@ def sheet_contents(path: Path, dialect: RecordsDialect, names: Names) -> Content
     """The columns of numbers of the first sheet, read as the table that it would be as CSV."""
     content, sheets = sheet_of(path)
     said = given({"separator": "comma", **dialect})
-    columns = from_text(content.encode(), str(path), said, names)
+    columns = Contents()
+    with contextlib.suppress(*([NoRows] if len(sheets) > 1 else [])):
+        columns = from_text(content.encode(), str(path), said, names)
+    if not columns.channels and len(sheets) > 1:
+        others = ", ".join(map(repr, sheets[1:4]))
+        what = f"has no rows of numbers in its first sheet, {sheets[0]!r}; others are {others}"
+        raise InputRefused(str(path), what, "move the table to the first sheet")
     left_out = f"; {len(sheets) - 1} more left out" if len(sheets) > 1 else ""
     return replace(columns, kind=f"spreadsheet, sheet {sheets[0]!r}{left_out}")
 
@@ -193,6 +199,8 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
     if not content[:HEAD].strip(b"\0"):
         return Contents(kind="text", codes=("EMPTY",))
     text = plain(content, where, said)
+    # the clock of such rows shows whether a line is lost
+    names = names if said.lines == 1 else None
     file = None
     if (layout := _known(text)) is not None:
         # this file may be of another dialect; if not, it is refused again
@@ -214,14 +222,17 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
 
 def _sniffed(text: Plain, names: Names, where: str) -> Contents:
     """The channels by the layout of the first lines, or of more where these do not show it."""
-    head = text.lines(HEAD)
+    head, first = text.lines(HEAD), None
     try:
-        layout = _layout(text, head[: text.said.skip + SHORT], where)
+        layout = first = _layout(text, head[: text.said.skip + SHORT], where)
         file = by_layout(text, layout, names, where)
     except InputRefused:
         if len(head) <= text.said.skip + SHORT:
             raise
         layout = _layout(text, head, where)
+        if first is not None and len(layout.texts) > len(first.texts):
+            # a bad number makes no column of words
+            raise
         file = by_layout(text, layout, names, where)
     # decimal commas are judged in each file: they may part thousands
     above = text.body.split(b"\n", layout.first - 1)
