@@ -280,9 +280,7 @@ def test_a_campaign_without_grids_has_no_flow_stage_and_says_so_when_asked(tmp_p
 
 
 @pytest.mark.nightly
-def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
-    two, tmp_path, monkeypatch
-):
+def test_flow_runs_with_the_others_and_what_reads_it_heeds_the_grids(two, tmp_path, monkeypatch):
     monkeypatch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
     raw = small_run.write(tmp_path / "raw")
     shutil.copytree(two / "piv", raw / "piv")
@@ -292,15 +290,15 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
         path.read_text() + '\n[report]\ncolumn_width = "90 mm"\n\n' + text[text.index("[piv]") :]
     )
     ran = small_run.ran(small_run.job(raw, tmp_path))
-    others = {"ingest", "reduce", "fit", "diagnose"}
-    assert others | {"flow", "report"} <= set(ran)
+    others = {"ingest", "reduce", "fit"}
+    assert others | {"flow", "diagnose", "report"} <= set(ran)
     assert ran.index("flow") < ran.index("report")
     assert (tmp_path / "reports/small/fig3.png").is_file()
     drawn = list(csv.DictReader((tmp_path / "reports/small/downwash.csv").read_text().splitlines()))
     measured = [r for r in drawn if r["kind"] == "measured"]
     assert measured
     assert all(float(r["lo90_percent"]) < float(r["hi90_percent"]) for r in measured)
-    assert {r["label"] for r in drawn if r["kind"] == "model"} <= {"C-B (theory)", "S-C, fitted"}
+    assert {r["label"] for r in drawn if r["kind"] == "model"} <= {"C-B (theory)", "S-C, quoted"}
     assert "PIV at ẑ" in (tmp_path / "reports/small/summary.txt").read_text()
     page = (tmp_path / "reports/small/index.html").read_text()
     assert 'id="flow"' in page
@@ -308,7 +306,7 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     assert small_run.ran(small_run.job(raw, tmp_path)) == []
     rewrite(raw, "ground-4", lambda r: r.__setitem__((slice(None), slice(2, 4)), 0.9 * r[:, 2:4]))
     again = set(small_run.ran(small_run.job(raw, tmp_path)))
-    assert {"flow", "report"} <= again
+    assert {"flow", "diagnose", "report"} <= again
     assert not others & again
     ledger = json.loads((tmp_path / "processed/small/provenance.json").read_text())
     assert "[piv] ground-4 (8 files)" in ledger["inputs"]
@@ -330,6 +328,7 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     (raw / "campaign.toml").write_text(path.read_text()[: path.read_text().index("[piv]")])
     left = {s.name: why for s, why in engine.plan(small_run.job(raw, tmp_path))}
     assert "flow" not in left
+    assert left["diagnose"] == "[piv] of the manifest has changed"
     assert left["report"]
     assert not any(left[name] for name in others)
 

@@ -90,7 +90,9 @@ def run(job: Job) -> Outcome:
     residuals, draws, notes = list[tables.Table](), list[tables.Table](), list[str]()
     settings = Settings(ess=job.campaign.fit.ess, steps=job.campaign.fit.steps)
     present = boundaries(trials)
-    cuts = job.read(DOWNWASH) if (job.processed / DOWNWASH.file).is_file() else None
+    # of a campaign that had grids once, their downwash is left
+    measured = job.campaign.piv is not None and (job.processed / DOWNWASH.file).is_file()
+    cuts = job.read(DOWNWASH) if measured else None
     for i, boundary in enumerate(present):
         say = subprogress(job.say, i, len(present))
         say(f"diagnose {boundary}")
@@ -179,7 +181,17 @@ STAGE = Stage(
     summary="look for the cause of the residuals",
     reads=(TRIALS, FIT, DOWNWASH),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, QUOTED_POSTERIOR, RESULTS),
-    sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
+    sections=(
+        "vehicle",
+        "rig",
+        "load_cell",
+        "trials",
+        "levels",
+        "uncertainty",
+        "fit",
+        "piv",
+        "diagnose",
+    ),
     question=(
         click.Option(
             ["--explain"],
