@@ -195,9 +195,14 @@ def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec
         )
         .mark_rule(clip=True, aria=False)
         .encode(x=x, y=alt.Y("low:Q"), y2="high:Q", stroke=stroke),
-        _data(alt, pick(table, kind="overlay"))
-        .mark_point(shape="cross", color=SOFT, clip=True)
-        .encode(x=x, y=y, tooltip=["label", "z_hat", "delta_L_percent"]),
+        # Vega warns of a layer without rows
+        *(
+            _data(alt, overlays)
+            .mark_point(shape="cross", color=SOFT, clip=True)
+            .encode(x=x, y=y, tooltip=["label", "z_hat", "delta_L_percent"])
+            for overlays in [pick(table, kind="overlay")]
+            if len(overlays)
+        ),
         dots.mark_point(
             fill=PAPER, fillOpacity=1, strokeWidth=1.7, opacity=1, ariaRoleDescription="cell"
         )

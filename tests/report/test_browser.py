@@ -12,14 +12,13 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
+from tests.unit.browser import CHROMIUM, browser
 
 from nearlift.report.figures import residuals
 from nearlift.report.page import render
 from nearlift.report.registry import charts
 from nearlift.stages.gathering import gather
 from nearlift.stages.reduce import LIFT
-
-from .browser import CHROMIUM, browser
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
 FIG2, RESIDUALS = "[data-chart=fig2]", "[data-chart=residuals]"
