@@ -124,7 +124,7 @@ class Simulation:
         return max(round(self.groups.duration / self.groups.hold), 1)
 
     def others(self) -> Simulation:
-        """The same flights with other gusts."""
+        """Flights of equal number with other gusts."""
         return replace(self, key=self.key ^ OTHERS)
 
     def ended(
