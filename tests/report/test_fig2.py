@@ -171,6 +171,35 @@ def test_an_effect_of_distance_is_in_the_line_and_the_points_are_as_measured(
     )
 
 
+def test_a_stated_datum_moves_every_part_of_the_line(evidence):
+    """The effect saturates at true distance, as the model does."""
+    made = copy.deepcopy(evidence)
+    data = made.observations["ceiling"]
+    made.document(RESULTS)["boundaries"]["ceiling"]["effects"] = ["near_wall_saturation"]
+    known = {"alpha": 0.15, "offset_m": -2e-4, "gap_hat2": 0.12, "saturation_power": 0.4}
+    parameters = {n: {"value": x, "lo90": x, "hi90": x, "u": 0.0} for n, x in known.items()}
+    accepted = {
+        "effects": ["near_wall_saturation"],
+        "parameters": parameters,
+        "covariance": {"names": [*known], "values": np.zeros((4, 4)).tolist()},
+    }
+    block = {"verdict": "effect", "accepted": accepted}
+    left = {"boundary": np.full(data.n, "ceiling", dtype=object), "trial": data.trial}
+    made = dataclasses.replace(
+        made,
+        tables={
+            **made.tables,
+            LOOP_RESIDUALS.file: left | dict.fromkeys(("before", "after"), np.zeros(data.n)),
+        },
+        documents={**made.documents, DIAGNOSIS.file: quoted.diagnosis({"ceiling": block})},
+    )
+    z_hat = np.array([0.1, 0.3, 2.0])
+    moved = z_hat - 2e-4 / data.radius_m
+    theory = 0.5 + 0.5 * np.sqrt(1 + 0.15 / moved**2)
+    expected = (theory - 1) * (1 + 0.12 / moved**2) ** -0.4
+    assert relative_lift.line(made, "ceiling", z_hat).middle == pytest.approx(expected)
+
+
 def test_theory_curves_take_the_published_values(table):
     line = rows(table, panel="ground", label="C-B (theory)")
     np.testing.assert_allclose(

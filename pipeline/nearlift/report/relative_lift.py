@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Boundary, FloatArray, LiftModel, compose
+from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, lift_inf_N, where
@@ -87,17 +87,18 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     accepted = diagnosed.accepted if diagnosed and evidence.has(LOOP_RESIDUALS) else None
     known = {"radius_m": data.radius_m} | evidence.known(boundary, base)
     of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
-    model = base
-    in_curve: list[str] = []
+    parts: list[Effect] = []
     if accepted and "offset_m" in accepted.parameters and "height_offset" not in accepted.effects:
         # the zero error of the distance: the curve is over recorded distance
-        model = compose(model, catalogue.effect("height_offset"))
+        parts.append(catalogue.effect("height_offset"))
+    in_curve: list[str] = []
     for name in accepted.effects if accepted else ():
         effect = catalogue.effect(name)
         drawable = effect.acts_on != "force" and {*effect.needs} <= of_distance
         if drawable and all(p.per != "session" for p in effect.parameters):
-            model = compose(model, effect)
+            parts.append(effect)
             in_curve.append(name)
+    model = compose(base, *parts) if parts else base
     # quoted values are means over rival explanations, and together may draw none of them
     estimates = accepted.parameters if accepted else quoted.coefficients
     best = {n: e.value for n, e in estimates.items()}
