@@ -318,9 +318,14 @@ def set_up(
     parts: tuple[budget.Component, ...],
     options: Options,
     effects: tuple[Effect, ...] | None = None,
+    *,
+    first_order: bool = False,
 ) -> tuple[SearchProblem, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
     """Search problem of a boundary (usable trials, base fit, noise floor), testable effects, and
     untestable ones.
+
+    With `first_order` a stated zero error of the distance is a column of the covariance, and
+    `height_offset` an effect: what is predicted is small.
 
     Raises
     ------
@@ -354,12 +359,14 @@ def set_up(
     }
     between = tuple(e for e in between if e.name not in absorbed)
     datum = stated_datum(parts, base, kept)
-    if datum and few_visits.applies(kept):
-        # these trials are fitted as if they shared no error: it competes as an effect
+    if datum and (first_order or few_visits.applies(kept)):
+        # few visits are fitted as if they shared no error: it competes as an effect
         stated, datum = dataclasses.replace(datum, name="height_offset"), None
         between = tuple(stated if e.name == stated.name else e for e in between)
     if datum:
-        between = tuple(e for e in between if e.name != "height_offset")
+        known, between = (
+            tuple(e for e in among if e.name != "height_offset") for among in (known, between)
+        )
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
     acting = inputs.acting(parts, base, first.theta)

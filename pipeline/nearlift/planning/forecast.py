@@ -87,7 +87,7 @@ def of_trials(
     data, base = observe(trials, campaign, boundary), choice(campaign, boundary)[0]
     parts, options = budget.components(campaign), search_options(campaign, seed)
     try:
-        problem, effects, untestable = set_up(data, base, parts, options)
+        problem, effects, untestable = set_up(data, base, parts, options, first_order=True)
     except NotConverged as lack:
         if not few:
             raise
