@@ -556,3 +556,28 @@ def test_a_stopped_head_left_in_the_record_is_noticed():
     head, live = rng.normal(0, 1e-3, 300), rng.normal(0.2, 1e-3, 1000)
     assert "unsettled" in reduce_record(np.r_[head, live], Conditions(rate_Hz=1000.0)).codes
     assert "unsettled" not in reduce_record(live, Conditions(rate_Hz=1000.0)).codes
+
+
+@pytest.mark.parametrize("share", [0.02, 0.05])
+def test_error_codes_of_a_converter_leave_the_coefficient_and_its_uncertainty(share: float) -> None:
+    """k of 1/(1 - k (R/4z)^2) is 0.7; codes are 2^23 - 1, -2^23 and 0 in hundredths of mN."""
+    x = (1 / (4 * np.repeat([0.6, 0.7, 0.85, 1.1, 1.5, 2.2, 3.5, 6.0], 3))) ** 2
+    lifts: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
+    for i, lift in enumerate(0.3 / (1 - 0.7 * x)):
+        rng = np.random.default_rng([1, i])
+        force = lift * (np.arange(320) >= 80) + 0.007 + rng.normal(0, 0.002, 320)
+        bad, codes = rng.random(320) < share, rng.choice([83.88607, -83.88608, 0.0], 320)
+        for spoilt in (False, True):
+            spikes = np.where(bad, codes, force) if spoilt else force
+            got = reduce_record(spikes, Conditions(rate_Hz=80.0, tare_s=1.0))
+            lifts[spoilt].append((got.lift_N, got.u_lift_N))
+    k, u = {}, {}
+    for spoilt, pairs in lifts.items():
+        lift_N, u_N = np.array(pairs).T
+        # 1/L is a line in x
+        line, covariance = np.polyfit(x, 1 / lift_N, 1, w=lift_N**2 / u_N, cov="unscaled")
+        k[spoilt] = -line[0] / line[1]
+        u[spoilt] = np.sqrt(covariance[0, 0]) / line[1]
+    assert abs(k[True] - 0.7) < 3 * u[True]
+    assert abs(k[True] - k[False]) < u[False]
+    assert 1 / 1.5 < u[True] / u[False] < 1.5
