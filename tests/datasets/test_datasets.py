@@ -17,7 +17,7 @@ from tests.datasets.published import PublishedFolder, listed, published
 from tests.unit.small_run import nearlift
 
 from nearlift.campaign import manifest as manifests
-from nearlift.datasets import garofano_soldado, registry
+from nearlift.datasets import garofano_soldado, pitt_ras_older, registry
 from nearlift.errors import InputRefused, UsageError
 from nearlift.run.tables import Table, read_table
 from nearlift.stages.ingest import TRIALS
@@ -346,3 +346,17 @@ def test_the_digest_of_the_numbers_is_that_of_the_table_at_hand():
         ).hexdigest()
         == garofano_soldado.NUMBERS_SHA256
     )
+
+
+def test_older_sweeps_are_read_from_their_script(tmp_path):
+    script = tmp_path / "fit.py"
+    script.write_text(
+        "data = (\n#     np.array((\n#             (470,2011,12.5,1.5),\n#         )),\n"
+        "    np.array((\n            (15,1220,12.4,1.5),\n            (9,1100,12.4,1.5),\n        )),\n"
+        "    np.array((\n            (27,1320,12.1,0.2),\n        )))\n"
+    )
+    pitt_ras_older.convert({"fit.py": script}, tmp_path, "older")
+    assert (tmp_path / "trials.csv").read_text().splitlines()[1:] == [
+        "s1-00,1.5,0.2,15,12.4,1",
+        "s2-02,0.2,0.290909,27,12.1,2",
+    ]

@@ -16,7 +16,7 @@ from measured.variants import STORED, Case, Finding
 from tests.datasets.published import PublishedFolder, listed, published
 
 from measured import page, variants
-from nearlift.datasets import pitt_ras_older, registry
+from nearlift.datasets import registry
 from nearlift.randomness import generator
 
 pytestmark = pytest.mark.filterwarnings(
@@ -207,17 +207,3 @@ def test_rows_are_reproducible_by_their_command(tmp_path):
     assert row["command"] == f"python -m measured --case {case.campaign} gain_drift 2"
     assert "| `gain_drift` | 2 | 0 | 0 | 0 | 1 |" in page.injections([pair])
     assert f"| {case.campaign} | adequate, 90 % | 0 | 0 | 0 | 1 | 1 of 1 |" in page.coverage([pair])
-
-
-def test_older_sweeps_are_read_from_their_script(tmp_path):
-    script = tmp_path / "fit.py"
-    script.write_text(
-        "data = (\n#     np.array((\n#             (470,2011,12.5,1.5),\n#         )),\n"
-        "    np.array((\n            (15,1220,12.4,1.5),\n            (9,1100,12.4,1.5),\n        )),\n"
-        "    np.array((\n            (27,1320,12.1,0.2),\n        )))\n"
-    )
-    pitt_ras_older.convert({"fit.py": script}, tmp_path, "older")
-    assert (tmp_path / "trials.csv").read_text().splitlines()[1:] == [
-        "s1-00,1.5,0.2,15,12.4,1",
-        "s2-02,0.2,0.290909,27,12.1,2",
-    ]
