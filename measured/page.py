@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from nearlift.catalogue import titled
 from nearlift.report.figures.style import SERIES, Style, context
-from nearlift.report.phrases import explanation
+from nearlift.report.phrases import MIN_LISTED
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, HeldOutRmse
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import tables
@@ -112,7 +113,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def campaigns(rows: Sequence[Measured]) -> str:
     """Table of the campaigns as published."""
-    head = ["campaign", "trials", "verdict", "probability", "error before", "after", "floor"]
+    head = ["campaign", "trials", "verdict: probabilities", "error before", "after", "floor"]
     head += ["quoted coefficient (90 %)", "depends on", "holds: visits, trials"]
     cells = []
     for m in rows:
@@ -123,25 +124,26 @@ def campaigns(rows: Sequence[Measured]) -> str:
             (
                 m.name,
                 str(m.trials),
-                f"**{m.diagnosis.verdict}**" + named(m),
-                f"{100 * (m.quoted.probability or math.nan):.0f} %",
+                f"**{m.diagnosis.verdict}**: {weighed(m.diagnosis)}",
                 percent(three(e.before)) if e else "–",
                 percent(three(e.after)) if e else "–",
                 f"{100 * e.noise_floor:.2f}" if e else "–",
                 f"{name} = {interval((c.value, c.lo90, c.hi90))}",
                 f"z_hat = {visit.z_hat:.3g}: {visit.shift:+.2g}" if visit else "–",
-                ", ".join(f"{a} of {b}" for a, b in held),
+                ", ".join(f"{a} of {b}" if b else "–" for a, b in held),
             )
         )
     return table(head, cells)
 
 
-def named(m: Measured) -> str:
-    """Effects of a campaign, or the covariates of its structure."""
-    if m.diagnosis.verdict == "unexplained":
-        along = dict.fromkeys(s.covariate for s in m.diagnosis.structure)
-        return f": structure along {', '.join(along)}"
-    return f": {explanation(m.quoted, m.diagnosis)}" if m.quoted.effects else ""
+def weighed(found: BoundaryDiagnosis) -> str:
+    """Explanations with their probabilities, those of `MIN_LISTED` or more."""
+    words = []
+    for e in found.probabilities or ():
+        if e.other is None and e.probability >= MIN_LISTED:
+            name = f"structure along {e.nameless}" if e.nameless else " with ".join(e.effects)
+            words.append(f"{titled(name) or 'no effect'} {100 * e.probability:.0f} %")
+    return ", ".join(words)
 
 
 def remark(m: Measured) -> str:
