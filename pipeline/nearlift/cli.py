@@ -50,8 +50,8 @@ EXPORTS = {
 }
 ABOUT = """Lift of a tethered rotorcraft near ground, ceiling and wall.
 
-nearlift averages load-cell records, fits a model of lift against distance, looks for the cause of
-the residuals, and quotes one coefficient with its uncertainty and its doubts.
+nearlift averages load-cell records and fits a model of lift against distance. It looks for the
+cause of the residuals, and quotes one coefficient with its uncertainty and its doubts.
 
 \b
 First look:    nearlift demo
@@ -162,8 +162,8 @@ def new(call: Call, folder: Path, files: tuple[Path, ...], dialect: str, **given
 def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> None:
     """Show what a file holds, and the lines that read it.
 
-    Channel by channel, with the tables of a manifest that read it: [records] of a record, [piv] of
-    a velocity grid, the schedule's units of a table of means.
+    Lists its channels and prints the tables of a manifest that read it. These are [records] of a
+    record, [piv] of a velocity grid, or the schedule's units of a table of means.
     """
     if cuts and dialect:
         raise UsageError(
