@@ -215,7 +215,7 @@ def test_what_the_round_says_is_what_is_quoted(tmp_path):
 
 def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
     raw, late = recording
-    rounds = watching_of(raw, tmp_path, STAGES[:4])
+    rounds = watching_of(raw, tmp_path, STAGES[:5])
     product = tmp_path / "out/processed/small/diagnosis.json"
     words = next(rounds).words
     assert (
@@ -229,7 +229,7 @@ def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
     assert last.words.endswith("; ground adequate")
     # as of a campaign that nobody watched
     plain = small_run.job(raw, tmp_path / "plain")
-    list(engine.run(plain, STAGES[:4]))
+    list(engine.run(plain, STAGES[:5]))
     assert (plain.processed / "diagnosis.json").read_bytes() == product.read_bytes()
 
 
