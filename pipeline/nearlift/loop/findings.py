@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.likelihood import student
 from nearlift.loop import few_visits
-from nearlift.loop.coefficients import Answers
+from nearlift.loop.coefficients import Answers, joint
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
@@ -69,7 +69,9 @@ def accepted_explanation(answer: Answer, answers: Answers) -> AcceptedExplanatio
         effects=answer.accepted[0].effects,
         probability=answer.probability,
         parameters=parameters,
-        covariance=ParameterCovariance.named(parameters, answers.covariance),
+        covariance=ParameterCovariance.named(
+            parameters, answers.covariance if problem.independent else joint(problem, fitted)[1]
+        ),
     )
 
 

@@ -87,7 +87,7 @@ class AcceptedExplanation:
         Coefficients of the base model and parameters of the effects, at their joint optimum.
         Intervals include the uncertain form, and exclude the choice between rivals.
     covariance : ParameterCovariance
-        Of all parameters, in the order of `parameters`.
+        Of all parameters, in their order, with the form exact: that of the curve that is drawn.
     """
 
     effects: tuple[str, ...]
