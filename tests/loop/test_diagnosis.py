@@ -833,7 +833,7 @@ def test_a_declared_error_may_not_stand_far_beyond_its_uncertainty():
     stages = {mm: set_up(data, GROUND, (datum(1e-3 * mm),), Options())[0] for mm in (1, 4)}
     assert adequacy.contradictions(stages[4], None) == ()
     (told,) = adequacy.contradictions(stages[1], None)
-    assert told.startswith("datum is off by ")
+    assert told.startswith("the distance datum is off by ")
 
 
 def test_what_contradicts_an_adequate_model_is_told_and_carried(null_stage):
