@@ -34,8 +34,8 @@ def prepare(data: Path, quick: bool) -> str:
     return (
         f"Campaigns of {records} CSV records (12 s at 1 kHz, {size:.0f} MB) at one boundary each,"
         f" ground, ceiling and sidewall in turn, every stage, processes:{WORKERS}, page cache warm."
-        " Each has 5 in 6 of the visits of a common pool, drawn anew, so that trials differ while"
-        " the disk holds every record once; above the ground a battery sags, elsewhere nothing is"
+        " Each has 5 in 6 of the visits of a common pool, drawn again, so that trials differ while"
+        " the disk holds every record once. Above the ground a battery sags, elsewhere nothing is"
         " wrong."
     )
 

@@ -46,7 +46,7 @@ BENCH = Bench(
     rounds=1,
     contestants=(
         contestant("run", "run, all of it"),
-        contestant("plan", "plan: starting, and telling what is stale"),
+        contestant("plan", "plan: starting, and finding what is stale"),
         *(contestant(s, s) for s in STAGES),
     ),
 )

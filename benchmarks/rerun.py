@@ -61,7 +61,7 @@ BENCH = Bench(
             aim=0.05,
         ),
         Target(
-            work="telling what is stale, paper's size, over its first ingest",
+            work="finding what is stale, paper's size, over its first ingest",
             ours="nearlift-plan",
             peer="nearlift-ingest",
             must=0.5,

@@ -212,7 +212,7 @@ def dialect_of(text: str) -> dict[str, object]:
 def design(call: Call, campaign: Path, noise_from: str | None, write: Path | None) -> None:
     """Plan a campaign: what it can detect, and a schedule.
 
-    For CAMPAIGN before it is run: detectable effects, confounded effects, and changes to the plan.
+    For CAMPAIGN before it is run: detectable effects, confounded effects, and a random schedule.
     The plan is the folder's schedule, or the manifest's [design].
     """
     from nearlift.report.forecasts import design as text
