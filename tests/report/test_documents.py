@@ -12,6 +12,7 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.report import sources, words
 from nearlift.report.documents import methods, summary
+from nearlift.report.figures import corner
 from nearlift.report.phrases import coefficient_text, coverage
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT
@@ -36,7 +37,7 @@ def quoted(evidence):
 #: What the sentence of each verdict has, and no other's.
 SAID = {
     "adequate": "fits; no residual structure detected",
-    "effect": "alone does not fit. Supply sag explains the residuals: lift scales as voltage^",
+    "effect": "alone does not fit. Supply sag explains the residuals (probability ",
     "unexplained": "does not fit: residuals vary with",
     "not_diagnosed": "Not diagnosed: ",
 }
@@ -47,6 +48,23 @@ def test_the_verdict_is_said_without_identifiers(evidence, quoted):
     assert [v for v, said in SAID.items() if said in text] == [quoted.verdict]
     assert text.endswith(".")
     assert "sanchez_cuevas" not in text
+
+
+def test_repeated_searches_that_found_nothing_agree_with_nothing(evidence, quoted):
+    if quoted.verdict == "adequate":
+        said = words.findings(evidence, "ground", evidence.diagnosed("ground"))
+        folds = evidence.diagnosed("ground").error.chosen_in_folds
+        n = folds.count("adequate")
+        assert n > 0
+        assert any(f"the same answer in {n} of {len(folds)} folds" in text for text in said)
+
+
+def test_the_corner_plot_shows_the_quoted_coefficients(evidence, quoted):
+    c = quoted.coefficients["K_b"]
+    drawn = corner.draws(evidence, "ground")
+    if quoted.verdict == "effect":
+        assert set(drawn) == {"K_b"}
+        assert abs(drawn["K_b"].mean() - c.value) < c.u
 
 
 def flat(text):
@@ -174,7 +192,7 @@ def test_the_methods_are_made_from_the_products(evidence, quoted):
     else:
         said = {
             "adequate": "no residual structure was detected.",
-            "effect": "the residuals are explained by supply sag [@supply_sag]: lift",
+            "effect": "the residuals are explained by supply sag [@supply_sag] (probability ",
             "unexplained": "no candidate effect explains the residual structure.",
         }
         expected.append(f"Near the ground, {said[quoted.verdict]}")

@@ -123,21 +123,25 @@ def size(effect, parameter, value, half, unit, percent):
     [
         (
             size("supply_sag", "sag_exponent", 2.028, 0.0745, "exponent of supply voltage", 4.93),
-            "lift scales as voltage^2.03 (90 %: 1.95 to 2.10); 4.9 % of lift over the trials",
+            "lift scales as voltage^2.03 (90 %: 1.95 to 2.10). Over the trials it changes lift by 4.9 %",
         ),
         (
             size("gain_drift", "drift", 0.0498, 0.003, "fraction of lift, first to last trial", 5),
-            "drift 4.98 % of lift (90 %: 4.68 to 5.28), first to last trial; 5 % of lift over the trials",
+            "drift 4.98 % of lift (90 %: 4.68 to 5.28), first to last trial. Over the trials it changes lift by 5 %",
         ),
         (
             size("height_offset", "offset_m", 0.0005, 0.0001, "m", 1.5),
-            "offset 0.50 mm (90 %: 0.40 to 0.60); 1.5 % of lift over the trials",
+            "offset 0.50 mm (90 %: 0.40 to 0.60). Over the trials it changes lift by 1.5 %",
+        ),
+        (
+            size("near_wall_saturation", "gap_hat2", 0.125, 0.055, "square rotor radii", 40),
+            "the gain of lift saturates below ẑ = 0.35, 8.1 mm (90 %: 6.1 to 9.8). Over the trials it changes lift by 40 %",
         ),
     ],
 )
 def test_a_size_is_said_with_its_unit_and_its_part_of_lift(own, text):
     quoted = SimpleNamespace(sizes=(own,), effects=(own.effect,))
-    assert phrases.sizes(quoted) == text
+    assert phrases.sizes(quoted, 0.023) == text
 
 
 def observed(*z_hat: float) -> SimpleNamespace:

@@ -5,6 +5,7 @@ For few trials, once diagnosed, it gives the detection limits.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable
 
 import numpy as np
@@ -181,9 +182,11 @@ def _limit(design: DesignPower, size_parameter: SizeParameter) -> DetectionLimit
         size_parameter.effect.name,
     )
     if size is not None:
-        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        unit = "" if parameter.unit == "1" else f" {parameter.unit.replace('1/', 'per ')}"
+        # "offset" of offset_m, with its unit behind the number
+        label = re.sub(r"(_per)?_[mNK]$", "", parameter.name).replace("_hat2", " squared")
         away = "" if parameter.value == 0 else f" away from {plain(parameter.value, 3)}"
-        text += f" of {parameter.name} ≥ {plain(size, 2)}{unit}{away}"
+        text += f" ({label.replace('_', ' ')} ≥ {plain(size, 2)}{unit}{away})"
     return DetectionLimit(
         effect=size_parameter.effect.name,
         parameter=parameter.name,

@@ -49,7 +49,6 @@ SIZE_WORDS = {
     "sag_exponent": "lift scales as voltage^{}",
     "speed_exponent": "lift scales as rotor speed^{}",
     "density_exponent": "lift scales as air density^{}",
-    "gap_hat2": "the gain of lift saturates near z_hat^2 = {}",
     "held_exponent": "the lift ratio has the exponent {}",
 }
 
@@ -114,6 +113,14 @@ def is_sure(quoted: BoundaryResult) -> bool:
     return quoted.probability is None or quoted.probability >= MIN_ALONE
 
 
+def probability(quoted: BoundaryResult) -> str:
+    """`` (probability 96 %)`` of effects that are named alone; empty where none was computed."""
+    p = quoted.probability
+    if p is None or not is_sure(quoted):
+        return ""
+    return f" (probability {f'{100 * p:.0f}' if p < 0.995 else '> 99'} %)"
+
+
 def claim(quoted: BoundaryResult, diagnosis: object) -> str:
     """The verdict in a word, with the explanation: ``effect: supply sag``."""
     known = diagnosis if isinstance(diagnosis, BoundaryDiagnosis) else None
@@ -150,9 +157,9 @@ def raised(text: str) -> str:
     return f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
 
 
-def sizes(quoted: BoundaryResult) -> str:
-    """Sizes of the identified effects: ``lift scales as voltage^2.03 (90 %: 1.95 to 2.10); 4.9 % of
-    lift``; effects by title where there are several.
+def sizes(quoted: BoundaryResult, radius_m: float) -> str:
+    """Sizes of the identified effects: ``lift scales as voltage^2.03 (90 %: 1.95 to 2.10). Over the
+    trials it changes lift by 4.9 %``; effects by title where there are several.
     """
     parts = []
     for effect in dict.fromkeys(s.effect for s in quoted.sizes):
@@ -164,14 +171,16 @@ def sizes(quoted: BoundaryResult) -> str:
             ]
             text = f"{len(mine)} values from {ends[0]} to {ends[1]} {_unit(mine[0])}".rstrip()
         else:
-            text = ", ".join(map(_size, mine))
-        text += f"; {plain(mine[0].lift_percent, 2)} % of lift over the trials"
+            text = ", ".join(_size(s, radius_m) for s in mine)
+        text += f". Over the trials it changes lift by {plain(mine[0].lift_percent, 2)} %"
         parts.append(f"{titled(effect)}: {text}" if len(quoted.effects) > 1 else text)
     return ". ".join(parts)
 
 
-def _size(size: IdentifiedSize) -> str:
+def _size(size: IdentifiedSize, radius_m: float) -> str:
     """One size with its unit and 90 % interval."""
+    if size.parameter == "gap_hat2":
+        return _gap(size, radius_m)
     low, high = (_amount(v, size) for v in (size.lo90, size.hi90))
     value, unit = _amount(size.value, size), _unit(size)
     words = SIZE_WORDS.get(size.parameter)
@@ -180,6 +189,16 @@ def _size(size: IdentifiedSize) -> str:
     name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
     head, comma, tail = unit.partition(", ")
     return f"{name} {value} {head}".rstrip() + f" (90 %: {low} to {high}){comma}{tail}"
+
+
+def _gap(size: IdentifiedSize, radius_m: float) -> str:
+    """The distance below which the gain saturates, whose square over rotor radii was fitted."""
+    each = [math.sqrt(max(x, 0.0)) for x in (size.value, size.lo90, size.hi90)]
+    u, mm = (each[2] - each[1]) / 3.3, 1e3 * radius_m
+    at, low, high = (like(mm * x, mm * u) for x in each)
+    return (
+        f"the gain of lift saturates below ẑ = {like(each[0], u)}, {at} mm (90 %: {low} to {high})"
+    )
 
 
 def _amount(value: float, size: IdentifiedSize) -> str:

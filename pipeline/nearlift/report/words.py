@@ -30,6 +30,7 @@ from nearlift.report.phrases import (
     explanation,
     is_sure,
     listed,
+    probability,
     random_walk,
     sentence,
     several,
@@ -45,6 +46,7 @@ from nearlift.report.sources import (
 )
 from nearlift.report.tables import coefficients, csv, reported
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
+from nearlift.results.fit import Suspect
 from nearlift.results.levels import LevelFit
 from nearlift.results.outlook import NextExperiment, NextSession, Sensitivity
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
@@ -71,6 +73,10 @@ INPUT_WORDS = {
 }
 #: Reasons of rejected trials that are listed.
 MAX_REASONS = 3
+#: Rivals in a sentence; the table of other assumptions has all.
+MAX_RIVALS = 3
+#: Detection limits in a sentence; the chapter's table has all.
+MAX_POWERS = 2
 #: An experiment of so many times the campaign's trials is not proposed.
 MOST_REPEATS = 10
 #: Change of lift whose distance is printed.
@@ -200,7 +206,7 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
     if quoted.verdict == "effect":
         named = sentence(listed([titled(e) for e in quoted.effects])).removesuffix(".")
         verb = "explain" if len(quoted.effects) > 1 else "explains"
-        size = sizes(quoted)
+        size = sizes(quoted, evidence.campaign.vehicle.rotor_radius)
         if not is_sure(quoted) and diagnosis and diagnosis.probabilities:
             causes = explanation(quoted, diagnosis)
             under = f" If it is {listed([titled(e) for e in quoted.effects])}: {size}."
@@ -212,7 +218,8 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
         colon = f": {size}" if size and len(quoted.effects) == 1 else ""
         also = f" {sentence(size)}" if size and not colon else ""
         return (
-            f"{model} alone does not fit. {named} {verb} the residuals{colon}.{also}"
+            f"{model} alone does not fit. {named} {verb} the residuals"
+            f"{probability(quoted)}{colon}.{also}"
             f"{_not_distinguished(quoted, diagnosis)}"
         )
     if quoted.verdict == "unexplained":
@@ -247,7 +254,7 @@ def findings(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosi
     if held_out := error(quoted, evidence.left_out):
         said.append(f"cross-validated error: {held_out}")
     if diagnosis.error and (folds := diagnosis.error.chosen_in_folds):
-        named = {e.name for e in diagnosis.effects}
+        named = {e.name for e in diagnosis.effects} or {diagnosis.verdict}
         same = sum({part.strip() for part in c.split("+")} == named for c in folds)
         said.append(
             "repeated searches without the held-out trials gave the same answer in"
@@ -275,8 +282,10 @@ def power(could: Sensitivity) -> str:
     texts = [titled(row.text) for row in could.limits if row.size is not None]
     if not texts:
         return f"{could.trials} trials could not have detected any effect of a possible size"
-    chances = f"{100 * could.chance:.0f} % power each"
-    return f"{could.trials} trials could have detected {several(texts)} ({chances})"
+    more = len(texts) - MAX_POWERS
+    names = [*texts[:MAX_POWERS], *([f"{more} others"] if more > 0 else [])]
+    power = f"with {100 * could.chance:.0f} % power each"
+    return f"{could.trials} trials could have detected {listed(names)}, {power}"
 
 
 # the number
@@ -305,7 +314,7 @@ def _omits(evidence: Evidence, boundary: Boundary) -> str:
     if words and not {part.on for part in components(evidence.campaign)} & CELL:
         words.append("load cell")
     them = "them" if len(words) > 1 else "it"
-    return f"Not included: {listed(words)}; no uncertainty is stated for {them}." if words else ""
+    return f"Not included: {listed(words)}. No uncertainty is stated for {them}." if words else ""
 
 
 def error(quoted: BoundaryResult, left_out: str) -> str:
@@ -379,7 +388,9 @@ def reach(evidence: Evidence, boundary: Boundary) -> str:
     fine = grid[coarse[larger[-1]] : coarse[larger[-1] + 1]]
     at = float(fine[np.flatnonzero(_lift_change(evidence, boundary, fine) >= SEEN)[-1]])
     mm = 1e3 * at * evidence.campaign.vehicle.rotor_radius
-    return f"Lift changes by {100 * SEEN:g} % at ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)."
+    return (
+        f"Lift changes by less than {100 * SEEN:g} % beyond ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)."
+    )
 
 
 def _lift_change(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> FloatArray:
@@ -491,7 +502,7 @@ def _reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
             where = structure_along(diagnosis)
             vary = f" vary with {where}" if where else " have structure"
             said.append(f"residuals{vary}, unexplained: the coefficient may be affected too")
-    said += [s.text for s in suspects if s.text not in said]
+    said += [s.text for s in suspects if s.text not in said and _is_serious(s, quoted)]
     said += [
         f"{letter(name)} is at a bound of its range"
         for name, c in quoted.coefficients.items()
@@ -508,10 +519,19 @@ def _reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
     hidden = _hidden(evidence, boundary)
     # the interval covers the rivals: where they agree, what it leaves out is more serious
     said += [*rivals, *hidden] if _apart(quoted) else [*hidden, *rivals]
+    said += [s.text for s in suspects if s.text not in said]
     if diagnosis and diagnosis.untestable:
         unlogged = several([titled(name) for name in diagnosis.untestable])
         said.append(f"untestable with what was logged: {unlogged}")
     return [sentence(text) for text in said]
+
+
+def _is_serious(suspect: Suspect, quoted: BoundaryResult) -> bool:
+    """Whether the headline without it shifts by more than u, or loses half its precision."""
+    headline, without = quoted.coefficients.get(quoted.headline), suspect.without
+    if headline is None or without is None:
+        return True
+    return abs(suspect.shift) > headline.u or without.u > 2 * headline.u
 
 
 def _apart(quoted: BoundaryResult) -> bool:
@@ -535,7 +555,9 @@ def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryRe
         return f"{title} ({equals}{values[name]})" if name in values else title
 
     best = with_value(effect.name, f"{letter(quoted.headline)} = ")
-    rivals = listed([with_value(o) for o in others], "or")
+    few = [with_value(o) for o in others[: MAX_RIVALS if len(others) > MAX_RIVALS + 1 else None]]
+    more = len(others) - len(few)
+    rivals = listed([*few, *([f"{more} others"] if more else [])], "or")
     return [f"this design cannot distinguish {best} from {rivals}"]
 
 
@@ -568,11 +590,11 @@ def _inputs(evidence: Evidence, boundary: Boundary) -> str:
     parts = []
     for i, e in enumerate(errors):
         size, where = _error_size(e), f"in {INPUT_WORDS[e.on]}"
-        head = f"{size} error {where} would shift {name}"
+        head = f"{size} error {where} shifts {name}"
         if i:
             head = where if size == _error_size(errors[0]) else f"{size} {where}"
-        more = " (a larger one would be detected)" if e.at_most else ""
-        parts.append(f"{head} by {plain(e.shift, 2)}{more}")
+        # a larger error would be detected
+        parts.append(f"{head} by {'up to ' if e.at_most else ''}{plain(e.shift, 2)}")
     states = {1: "does not state it", 2: "states neither"}.get(len(errors), "states none of them")
     return f"A {', '.join(parts)}. The manifest {states}."
 
@@ -586,14 +608,18 @@ def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
     """Whether chi2 rejects the base model, and what that means in words."""
     source = evidence.fits.noise[boundary].source
     if not source.startswith(REPEATS):
-        return False, f"χ² shows nothing here: the noise is the {source}"
+        return False, f"no test, as the noise is the {source}"
     p = evidence.base(boundary)[1].p_value
     if p < REJECTED_P:
-        text = (
-            f"rejected, as cell means deviate from the curve by more than scatter ({chance(p)})."
-            " The interval is valid only if the model is"
+        effects = evidence.quoted(boundary).effects
+        which = "the base model without effects is rejected" if effects else "rejected"
+        then = (
+            f"The quoted model includes {listed([titled(e) for e in effects])}"
+            if effects
+            else "The interval is valid only if the model is"
         )
-        return True, text
+        why = f"as cell means deviate from the curve by more than scatter ({chance(p)})"
+        return True, f"{which}, {why}. {then}"
     text = "cell means deviate no more than repeats scatter"
     if not evidence.has(DIAGNOSIS):
         text += ". Effects on the repeats themselves (sessions, supply, drift) need the diagnosis"

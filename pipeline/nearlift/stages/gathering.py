@@ -11,6 +11,7 @@ from nearlift.results.document import Json
 from nearlift.run import tables
 from nearlift.run.engine import Job, versions
 from nearlift.stages import PRODUCTS
+from nearlift.stages.diagnose import QUOTED_POSTERIOR
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
@@ -32,7 +33,7 @@ def gather(job: Job) -> Evidence:
     read = (
         {p for spec in FIGURES for p in spec.needs}
         | {p for chapter in CHAPTERS for p in chapter.needs}
-        | {RESULTS}
+        | {RESULTS, QUOTED_POSTERIOR}
     )
     read_tables: dict[str, tables.Table] = {}
     documents: dict[str, Json] = {}

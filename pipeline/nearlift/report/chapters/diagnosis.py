@@ -62,10 +62,15 @@ def _section(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosi
             for i, n in enumerate(diagnosis.next_experiment)
             if words.is_feasible(n, evidence.observations[boundary].n)
         ),
+        _table(
+            "Smallest effects detected with 80 % power",
+            ("effect", "parameter", "size", "unit"),
+            _limits(place),
+        ),
         _table("Tests of residual structure", ("along", "p", "significant"), _tests(place)),
         _table(
             "Every candidate",
-            ("candidate", "drop of χ²", "2 ln B behind the best", "leaves"),
+            ("candidate", "drop of χ²", "2 ln B behind the best", "leaves structure along"),
             _candidates(place, diagnosis),
         ),
         _table(
@@ -118,6 +123,21 @@ def _is_at_bound(effect: NamedEffect, size: Quoted) -> bool:
 def _partial(place: Place) -> list[tuple[object, ...]]:
     shares = place.every("partial")
     return [(titled(p.content["name"]), p.percent("share", digits=2)) for p in shares]
+
+
+def _limits(place: Place) -> list[tuple[object, ...]]:
+    """The detection limit of each effect's size, in few trials."""
+    limits = place.every("sensitivity", "limits") if place.content.get("sensitivity") else []
+    return [
+        (
+            titled(r.content["effect"]),
+            r.content["parameter"],
+            r.number("size", digits=2),
+            r.content["unit"],
+        )
+        for r in limits
+        if r.content["size"] is not None
+    ]
 
 
 def _tests(place: Place) -> list[tuple[object, ...]]:

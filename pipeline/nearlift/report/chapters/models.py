@@ -34,7 +34,7 @@ def facts(evidence: Evidence) -> Markup:
     for b, c in evidence.fits.comparison.items():
         mine = replace(whole, frame=frame, shown=shown, main=frame["boundary"] == b)
         base = evidence.base(b)[0].title
-        count = f"{c.models[c.reference].visits} {evidence.left_out}; base: {base}"
+        count = f"{c.models[c.reference].visits} visits; base: {base}"
         parts.append(tables.html(mine, f"{b.capitalize()}: {count}"))
         failed = evidence.fits.failed.get(b, {})
         if failed:

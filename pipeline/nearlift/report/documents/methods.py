@@ -21,6 +21,7 @@ from nearlift.report.phrases import (
     explanation,
     is_sure,
     listed,
+    probability,
     sentence,
     several,
     sizes,
@@ -195,7 +196,10 @@ def _verdict(evidence: Evidence, boundary: Boundary) -> str:
         cited, rivals = _cite(*(k for e in effects for k in keys(e))), words.rivals_of(diagnosis)
         said = f"the residuals are explained by {explanation(quoted, diagnosis)} {cited}"
         if is_sure(quoted):
-            said += f": {sizes(quoted)}" if quoted.sizes else ""
+            said += probability(quoted)
+            said += (
+                f": {sizes(quoted, evidence.campaign.vehicle.rotor_radius)}" if quoted.sizes else ""
+            )
             said += f". The design cannot distinguish this from {rivals}" if rivals else ""
     if diagnosis.look:
         said += f" ({diagnosis.look.text})"

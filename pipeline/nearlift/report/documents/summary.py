@@ -51,7 +51,7 @@ def _block(brief: words.Brief) -> list[str]:
     ):
         if text:
             lines += _wrapped(f"    {label}{text}", INDENT)
-    return [line.rstrip().replace("±", "+/-") for line in lines]
+    return [line.rstrip().replace("±", "+/-").replace("z_hat", "ẑ") for line in lines]
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:

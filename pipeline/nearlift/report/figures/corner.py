@@ -30,6 +30,8 @@ MOST_DRAWS = 4000
 LEVEL = re.compile(r"L_inf_(\w+)\[(.+)\]")
 #: Shares of the posterior within the contours.
 REGIONS = (0.5, 0.9, 0.99)
+#: Width of a panel, in inches.
+MAX_PANEL_IN = 2.5
 SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
@@ -102,7 +104,8 @@ def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
         for b in boundaries
     ]
     sizes = [w.shape[1] for w in wide]
-    figure = Figure(figsize=(look.double_in, look.double_in * max(sizes) / sum(sizes) + 0.2))
+    panel = min(look.double_in / sum(sizes), MAX_PANEL_IN)
+    figure = Figure(figsize=(panel * sum(sizes), panel * max(sizes) + 0.2))
     blocks: Any = figure.subfigures(1, len(boundaries), squeeze=False, width_ratios=sizes)
     for title, drawn, block in zip(lettered(boundaries), wide, blocks[0], strict=True):
         low, high = drawn.min(), drawn.max()
@@ -122,8 +125,11 @@ def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
             label_kwargs={"fontsize": look.text_pt},
             quiet=True,
         )
-        left = 0.32 / drawn.shape[1] + 0.08
-        block.subplots_adjust(left=left, bottom=0.2, top=0.9, wspace=0.16)
+        n = drawn.shape[1]
+        # a histogram alone has no axis on its left; fewer panels than elsewhere are no taller
+        left = 0.32 / n + 0.08 if n > 1 else 0.15
+        bottom = 0.9 - 0.7 * n / max(sizes)
+        block.subplots_adjust(left=left, bottom=bottom, top=0.9, wspace=0.16)
         block.suptitle(title, fontsize=look.text_pt, x=0.02, ha="left")
         for ax in block.axes:
             ax.tick_params(labelsize=look.text_pt - 1.5, labelrotation=0)
