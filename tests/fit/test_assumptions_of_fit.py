@@ -147,6 +147,7 @@ def test_the_exponent_that_was_put_in_is_found_near_the_ceiling():
     assert n.value == pytest.approx(2 / 3, abs=4 * n.u)
     assert n.u < 0.05
     at = {round(x.n, 2): x for x in found.plausible}
+    assert [*at] == [1.0, 0.82, 0.67, 0.6]
     assert at[0.67].value == pytest.approx(0.125, abs=4 * at[0.67].u)
     assert at[1.0].p_value < 1e-6 < 0.001 < at[0.67].p_value
     assert at[1.0].value < at[0.67].value < at[0.6].value

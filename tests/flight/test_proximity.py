@@ -209,7 +209,11 @@ def test_without_a_sensor_the_bench_s_own_noise_counts(remake):
     # a sensor in the vehicle reads against the same bench's model and L_inf
     flown = remake("ground", detect=SENSOR)
     detect.run(flown)
-    assert flown.read_json(PROXIMITY)["boundaries"]["ground"]["floor"] == pytest.approx(floor)
+    ground = flown.read_json(PROXIMITY)["boundaries"]["ground"]
+    assert ground["floor"] == pytest.approx(floor)
+    weight_N = flown.campaign.vehicle.mass * flown.campaign.rig.gravity
+    # 3 mN, white up to 50 Hz
+    assert ground["short_per_sqrt_Hz"] == pytest.approx(3e-3 / weight_N / 10)
 
 
 def test_distances_of_significance(remake, done):

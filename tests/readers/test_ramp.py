@@ -76,6 +76,9 @@ def test_what_moves_and_what_does_not() -> None:
     n = np.arange(2000)
     assert not moves(1 - 0.1 * n / 2000 + rng.normal(0, 0.01, 2000))
     assert not moves(np.where(n < 900, 1.0, 1.2) + rng.normal(0, 0.01, 2000))
+    # three levels, a factor of 1.2 apart in all, and of 1.4
+    for step, sweeps_them in ((0.1, False), (0.2, True)):
+        assert moves(1 + step * (n // 700) + rng.normal(0, 0.01, 2000)) == sweeps_them
 
 
 @pytest.mark.parametrize("name", ["steps", "ramp"])
@@ -148,6 +151,7 @@ def test_ingest_tells_sweeps_among_trials(tmp_path: Path) -> None:
     root = campaign(tmp_path / "raw", {**records, "s1": sweeps.sweep(2.0, rng)})
     answer = nearlift("ingest", root, "--out", tmp_path)
     assert "the record of s1 takes many lifts, along 'throttle'" in answer.stderr
+    assert "MIXED" in answer.stderr
     assert "call the column of ids in trials.csv record" in answer.stderr
     assert 'by = "throttle"' in answer.stderr
 
