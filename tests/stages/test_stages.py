@@ -22,8 +22,8 @@ from nearlift.run.engine import (
     stage_of,
 )
 from nearlift.run.tables import Product, real
-from nearlift.stages import STAGES
-from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages import STAGES, diagnose
+from nearlift.stages.diagnose import DIAGNOSIS, QUOTED_POSTERIOR
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.ingest import TRIALS
 from nearlift.terminal import Commands
@@ -92,3 +92,17 @@ def test_a_stage_that_declares_a_chapter_has_one():
 
 def test_no_column_of_a_schedule_may_be_named_after_one_of_trials():
     assert {column.name for column in TRIALS.columns} <= schedule.RESERVED
+
+
+def test_a_quoted_posterior_that_does_not_converge_costs_its_draws_alone(make_job, monkeypatch):
+    """blind-h has a second peak at alpha = 0, which no chain reaches."""
+    job = make_job(("ground",), repeats=3)
+    # no chain is as near to the grid as that
+    monkeypatch.setattr("nearlift.results.posterior.APART", 0.0)
+    outcome = diagnose.run(job)
+    assert any(
+        n.startswith("ground: no draws of the quoted coefficients: emcee and")
+        for n in outcome.notes
+    )
+    assert len(job.read(QUOTED_POSTERIOR)["value"]) == 0
+    assert job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]["u"] > 0

@@ -123,11 +123,16 @@ def run(job: Job) -> Outcome:
         column = {"boundary": np.full(size, boundary, dtype=object)}
         residuals.append(column | diagnosis.residuals)
         if density := diagnosis.density:
-            drawn = sample(density, settings, job.seed, boundary, base.name, "quoted")
-            draws += [
-                draw_rows(boundary, base.name, n, drawn.theta[:, :, k], drawn.log_prob)
-                for k, n in enumerate(drawn.names)
-            ]
+            try:
+                drawn = sample(density, settings, job.seed, boundary, base.name, "quoted")
+            except NotConverged as fault:
+                # only a figure shows the draws: quoted values and intervals do not depend on them
+                notes.append(f"{boundary}: no draws of the quoted coefficients: {fault.what}")
+            else:
+                draws += [
+                    draw_rows(boundary, base.name, n, drawn.theta[:, :, k], drawn.log_prob)
+                    for k, n in enumerate(drawn.names)
+                ]
         loop = diagnosis.findings
         remarks = (
             loop.look.text if loop.look else "",
