@@ -106,8 +106,8 @@ def _words(throttles: int, collapse: ThrottleCollapse) -> str:
     kept = [claim for claim, test in made if test.p_value >= REJECTS and not test.quiet]
     quiet = [claim for claim, test in made if test.quiet]
     parts = [
-        f"For all throttles {verdict}: {'; '.join(listed)}."
-        for verdict, listed in (("rejected", rejected), ("not rejected", kept))
+        f"{verdict} across throttles: {'; '.join(listed)}."
+        for verdict, listed in (("Rejected", rejected), ("Not rejected", kept))
         if listed
     ]
     if quiet:

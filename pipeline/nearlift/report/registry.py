@@ -164,7 +164,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         _figures("detection"),
     ),
     *declared(STAGES),
-    Chapter("paper", "methods", "Methods, for a paper", methods.facts, (TRIALS, FIT)),
+    Chapter("paper", "methods", "Methods and citations, for a paper", methods.facts, (TRIALS, FIT)),
     Chapter("origin", "provenance", "Provenance", records.provenance, ()),
 )
 

@@ -74,11 +74,11 @@ def _limits(ax: Axes, rows: pd.DataFrame) -> None:
         at = row.x if np.isfinite(row.x) else edge
         marker = marker if np.isfinite(row.x) else "x"
         ax.plot([at], [y], marker=marker, color=colour, markersize=4, zorder=3)
-        style.note(ax, str(row.note), (at, y), (5, -2.4), color="0.25")
+        style.note(ax, str(row.note).replace("^2", "²"), (at, y), (5, -2.4), color="0.25")
     ax.set_xscale("log")
     ax.set_xlim(0.5 * min(low, 0.5), 12 * edge)
     style.plain_log(ax.xaxis)
-    ax.set_yticks(place, [effects(str(n)) for n in rows["effect"]])
+    ax.set_yticks(place, [_label(n) for n in rows["effect"]])
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(-0.8, len(rows) - 0.2)
     ax.set_xlabel("detection limit over plausible size", labelpad=1)
@@ -89,6 +89,11 @@ def _limits(ax: Axes, rows: pd.DataFrame) -> None:
     ]
     below: Look = {"loc": "upper center", "bbox_to_anchor": (0.4, -1.6 / (3 + len(rows)))}
     ax.legend(handles=handles, ncols=2, columnspacing=0.8, handlelength=1.0, **below)
+
+
+def _label(effect: object) -> str:
+    """Title of an effect; of its parts, such as tilt_first, the words."""
+    return effects(str(effect)).replace("_", " ")
 
 
 def _confused(ax: Axes, rows: pd.DataFrame) -> None:
@@ -107,7 +112,7 @@ def _confused(ax: Axes, rows: pd.DataFrame) -> None:
         at = said.index(row.series), truth.index(row.effect)
         centred: Look = {"ha": "center", "va": "center", "fontsize": size}
         ax.text(*at, f"{100 * row.x:.0f}", fontweight=bold, color=colour, **centred)
-    ax.set_xticks(np.arange(len(said)), [effects(str(t)) for t in said], rotation=90)
-    ax.set_yticks(np.arange(len(truth)), [effects(str(t)) for t in truth])
+    ax.set_xticks(np.arange(len(said)), [_label(t) for t in said], rotation=90)
+    ax.set_yticks(np.arange(len(truth)), [_label(t) for t in truth])
     ax.tick_params(length=0)
     ax.set_title("if this acts, this is named or a rival (%)")

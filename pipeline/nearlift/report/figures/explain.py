@@ -137,7 +137,8 @@ def _signature(ax: Axes, rows: pd.DataFrame, covariate: str) -> None:
 
 def _power(ax: Axes, rows: pd.DataFrame) -> None:
     false_alarm = float(pick(rows, series="false alarm")["y"].iloc[0])
-    ax.axhline(100 * false_alarm, color="0.6", linewidth=0.6, linestyle=(0, (2, 2)))
+    dotted: Look = {"linestyle": (0, (2, 2)), "label": "false alarms"}
+    ax.axhline(100 * false_alarm, color="0.6", linewidth=0.6, **dotted)
     for name, (colour, dash, text) in CHANCES.items():
         mine = pick(rows, series=name)
         ax.plot(mine.x, 100 * mine.y, color=colour, linestyle=dash, label=text)
@@ -146,8 +147,8 @@ def _power(ax: Axes, rows: pd.DataFrame) -> None:
         ax.plot([row.x], [100 * row.y], "o", color=FITTED, markersize=3)
     ax.set_ylim(0, 104)
     ax.set_xlim(left=0)
-    ax.set_ylabel("chance (%)")
-    ax.legend(loc="best")
+    ax.set_ylabel("power (%)")
+    ax.legend(loc="center right")
 
 
 def _confused(ax: Axes, rows: pd.DataFrame) -> None:
@@ -158,7 +159,7 @@ def _confused(ax: Axes, rows: pd.DataFrame) -> None:
         return
     place = np.arange(n)[::-1]
     for up, column, colour, label in (
-        (0.2, "y", "0.75", "energy it absorbs"),
+        (0.2, "y", "0.75", "of its signal absorbed"),
         (-0.2, "x", SERIES[0][0], "chance to be a rival"),
     ):
         ax.barh(place + up, 100 * rows[column], height=0.36, color=colour, label=label)
