@@ -282,8 +282,9 @@ def power(could: Sensitivity) -> str:
     texts = [titled(row.text) for row in could.limits if row.size is not None]
     if not texts:
         return f"{could.trials} trials could not have detected any effect of a possible size"
-    more = len(texts) - MAX_POWERS
-    names = [*texts[:MAX_POWERS], *([f"{more} others"] if more > 0 else [])]
+    few = texts if len(texts) <= MAX_POWERS + 1 else texts[:MAX_POWERS]
+    more = len(texts) - len(few)
+    names = [*few, *([f"{more} others"] if more else [])]
     power = f"with {100 * could.chance:.0f} % power each"
     return f"{could.trials} trials could have detected {listed(names)}, {power}"
 

@@ -131,9 +131,9 @@ def _limits(place: Place) -> list[tuple[object, ...]]:
     return [
         (
             titled(r.content["effect"]),
-            r.content["parameter"],
+            r.content["parameter"].replace("_", " "),
             r.number("size", digits=2),
-            r.content["unit"],
+            "" if r.content["unit"] == "1" else r.content["unit"],
         )
         for r in limits
         if r.content["size"] is not None
