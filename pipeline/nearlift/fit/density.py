@@ -30,12 +30,14 @@ from nearlift.likelihood.stations import Stations
 @dataclass(frozen=True, kw_only=True)
 class Density:
     """Unnormalised log posterior of theta (m, p); `centre` (p,) is the least-squares theta, `dof`
-    are those of the noise (inf: known).
+    are those of the noise (inf: known). The density is zero where theta differs from the centre by
+    more than `reach` (p,).
     """
 
     problem: Problem
     centre: FloatArray
     dof: float = math.inf
+    reach: FloatArray | float = math.inf
 
     @cached_property
     def prior(self) -> JointPrior:
@@ -85,7 +87,8 @@ class Density:
     def __call__(self, theta: FloatArray) -> FloatArray:
         """Log prior plus log likelihood; the model is evaluated only within the bounds."""
         log_prior = self.prior.log_density(theta)
-        inside = np.isfinite(log_prior)
+        outside = (np.abs(theta - self.centre) > self.reach).any(axis=1)
+        inside = np.isfinite(log_prior) & ~outside
         result = np.full(len(theta), -np.inf)
         if inside.any():
             result[inside] = log_prior[inside] + self.log_likelihood(theta[inside])

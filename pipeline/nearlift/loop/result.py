@@ -29,6 +29,8 @@ from nearlift.results.quotation import (
 )
 
 VISITS = "visits left out in turn"
+#: Standard uncertainties within which the coefficients' density is linear in the effects.
+LINEAR = 8.0
 #: Factor and unit of the size that is quoted, where the declared parameter has none of its own.
 SIZES = {
     "z_scale": (1.0, "fraction of distance"),
@@ -233,7 +235,8 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
     nothing is free.
 
     Effects' parameters, uncertain forms and stated uncertainties are integrated out, to first order
-    about the fit.
+    about the fit. The density is zero beyond `LINEAR` standard uncertainties, where that is no
+    guide: an effect's linearised part may fit as well without any near-boundary lift.
     """
     if answer.problem.independent or not answers.names:
         return None
@@ -244,7 +247,8 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
     problem = dataclasses.replace(problem, data=data, shift=0.0)
     centre, _ = solve(problem, answers.members[0][1][0])
     dof = max(float(answers.dof.min()), information.LEAST_DOF)
-    return Density(problem=problem, centre=centre, dof=dof)
+    reach = LINEAR * answers.members[0][1][1]
+    return Density(problem=problem, centre=centre, dof=dof, reach=reach)
 
 
 def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Problem, dict[str, slice]]:
