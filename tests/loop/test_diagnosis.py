@@ -768,22 +768,6 @@ def test_what_a_pair_could_gain_is_what_both_take_of_the_residual(null_stage):
     assert gains["supply_sag", "zero_offset"] == pytest.approx(left[0] - left[1], rel=1e-6)
 
 
-def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plainly_likelier():
-    """The converter adds a little of the inclinometer's voltage to the force: a tilt can imitate
-    it, with five numbers.
-    """
-    data = campaign(21, visits=10)
-    tilt = np.random.default_rng(2).uniform(-0.09, 0.09, data.visit.max() + 1)[data.visit]
-    data = dataclasses.replace(
-        data,
-        lift_N=data.lift_N + 0.15 * tilt * np.median(data.lift_N),
-        covariates={**data.covariates, "tilt_rad": tilt},
-    )
-    answer = run(set_up(data, GROUND, (), Options())[0])
-    assert "tilt" not in {name for e in answer.accepted for name in e.effects}
-    assert answer.verdict == "unexplained"
-
-
 @pytest.mark.parametrize(
     ("gains", "single_step"),
     [([1.0, 1.0, 1.0, 0.0, 0.0], True), ([0.0, 1.2, -0.9, 1.0, -1.1], False)],
