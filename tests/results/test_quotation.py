@@ -170,12 +170,11 @@ def test_doubts_say_what_each_verdict_leaves_open(job, quoted):
 def test_how_estimates_go_together_is_on_record_for_all_who_draw_from_them(job, quoted):
     verdict, _, _ = job
     found = np.array(quoted.correlation.values)
-    assert quoted.correlation.parameters == (
-        ("K_b", "sag_exponent") if verdict == "effect" else ("K_b",)
-    )
+    more = {"not_diagnosed": (), "effect": ("offset_m", "sag_exponent")}
+    assert quoted.correlation.parameters == ("K_b", *more.get(verdict, ("offset_m",)))
     assert (np.diag(found) == 1.0).all()
     assert (found == found.T).all()
-    assert verdict != "effect" or 1e-4 < abs(found[0, 1]) < 1.0
+    assert verdict != "effect" or 1e-4 < abs(found[0, -1]) < 1.0
 
 
 def test_influence_is_what_the_fit_does_without_the_visit():
