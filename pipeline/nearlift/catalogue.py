@@ -19,7 +19,7 @@ from nearlift.models import MODELS
 from nearlift.plugins import Named, gather
 
 T = TypeVar("T", bound=Named)
-#: Begins a title with a capital wherever the title stands.
+#: Begins a title with a capital everywhere.
 PROPER = ("Reynolds",)
 #: What may be a name in a text: no part of a path, of an address or of a longer word.
 NAME = re.compile(r"(?<![\w/#.])[A-Za-z]\w*")

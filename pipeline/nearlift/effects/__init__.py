@@ -23,5 +23,5 @@ EFFECTS: tuple[Effect, ...] = (
     *experiment.EFFECTS,
 )
 
-#: Needs that an effect can do without, and the neutral value of each where nobody recorded it.
+#: Needs that an effect can do without, and the neutral value of each where it is not recorded.
 STAND_INS: Mapping[str, float] = MappingProxyType({**gain.STANDARD, "rest_s": 0.0})

@@ -98,8 +98,8 @@ class SearchProblem:
         return self.whitening(self.linear_parts, self.slope)
 
     def whitening(self, parts: tuple[budget.Component, ...], slope: FloatArray) -> Problem:
-        """The same with these stated uncertainties, those of distance to first order by the `slope`
-        (n,).
+        """Likelihood with these stated uncertainties, those of distance to first order by the
+        `slope` (n,).
         """
         data = self.data
         tied = (

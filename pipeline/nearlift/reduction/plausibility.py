@@ -325,7 +325,7 @@ def mostly_unsettled(table: Mapping[str, NDArray[Any]]) -> list[str]:
     if not good.any() or (share := np.mean(begins[good])) < 0.5:
         return []
     note = (
-        f"{share:.0%} of the records begin with another force than they go on with: is `tare` too"
-        " short (rotors still at rest), or `settle`, or is sample_rate wrong?"
+        f"{share:.0%} of the records begin with another force than they go on with: is `tare` or"
+        " `settle` too short (rotors still at rest), or is sample_rate wrong?"
     )
     return [note]

@@ -37,8 +37,8 @@ CODES = tuple(
         "NO_DATA": "no sample is left once tare and settle are taken off",
         "TOO_SHORT": "fewer than five samples are left: an aborted run",
         "SHORT": (
-            "less than 95 % of the planned samples; where no length is planned, cut off with less"
-            " than 95 % of the campaign's usual ones, or less than half of them in any case"
+            "less than 95 % of the planned samples; without a planned length: cut off below 95 % of"
+            " the campaign's usual length, or below half of it"
         ),
         "OUT_OF_RANGE": "too many samples hold no number (NaN, OVER, #NV)",
         "SATURATED": "the load cell was at the end of its range",

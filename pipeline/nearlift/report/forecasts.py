@@ -207,8 +207,8 @@ def _size(s: EffectSize, few_visits: bool) -> list[str]:
         chances = "Before held-out visits have their say, which lowers the chances of weak effects."
         if few_visits:
             chances = (
-                "With so few visits the loop decides by what it predicts of a visit left out, so"
-                " take the chances to be named as upper ends."
+                "With so few visits the loop decides by predictions of visits left out: the chances"
+                " to be named are upper limits."
             )
         within, alone = (
             "beyond any size looked at" if limit is None else size_text(limit, unit)

@@ -360,5 +360,5 @@ class DiagnosisResults:
     boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]
 
 
-#: Of a campaign that nobody diagnosed.
+#: Of a campaign without a diagnosis.
 NOTHING = DiagnosisResults(false_alarm_rate=float("nan"), boundaries={})

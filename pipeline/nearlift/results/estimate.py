@@ -17,7 +17,7 @@ _LEFT_OUT = Field(exclude_if=lambda number: number is ABSENT)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A number with its uncertainty, by the same names wherever one is saved.
+    """A number with its uncertainty, by the same names in every product.
 
     Attributes
     ----------

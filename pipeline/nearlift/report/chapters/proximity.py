@@ -26,8 +26,8 @@ def facts(evidence: Evidence) -> Markup:
         blocks.table("Distance of a significant change of lift", heads, map(_significant, sides)),
         blocks.figure("detection"),
         blocks.table(
-            "Readings of the manifest: distance of the boundary, if there is one (90 %), and"
-            " probability of none within the measured distances (50 % before the reading)",
+            "Readings of the manifest: distance of a boundary (90 %), and probability of none"
+            " within the measured distances (prior: 50 %)",
             ("boundary", "reading", "L/L∞", "ẑ", "mm", "none, %"),
             [_reading(r) for r in root.every("readings")],
         ),
