@@ -160,7 +160,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     ]
     own = words._inputs(both, "ground")
     assert own.startswith(
-        f"A 1 % error in rotor radius would shift K_b by {radius:.2g}, in rotor spacing by"
+        f"A 1 % error in rotor radius shifts K_b by {radius:.2g}, in rotor spacing by"
     )
     assert own.endswith(". The manifest states neither.")
     assert words._inputs(known(10 * radius, "rotor_radius"), "ground") == ""
@@ -197,7 +197,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     limit["bias_at_detection_limit"] = 9.6
     seen = known(u, "height", found=diagnosed("adequate", **limit))
     own = words._inputs(seen, "ground")
-    assert own.startswith("A 0.12 mm error in distance datum would shift K_b by")
+    assert own.startswith("A 0.12 mm error in distance datum shifts K_b by")
     assert "(a larger one would be detected)" in own
 
 

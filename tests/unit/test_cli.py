@@ -86,6 +86,7 @@ def test_two_fresh_runs_give_the_same_bytes(raw, finished, tmp_path):
 
 def test_a_second_run_does_nothing(raw, finished):
     before = state(finished)
+    cache = "processed/small/inputs-cache.json"  # digests of raw files, kept from now on
     found = nearlift("run", raw, "--out", finished)
     assert found.exit_code == 0
     assert re.findall(r"^(\w+) +up to date$", found.stderr, re.M) == ALWAYS
@@ -93,7 +94,8 @@ def test_a_second_run_does_nothing(raw, finished):
     summary = (finished / "reports/small/summary.txt").read_text()
     assert "[[Ground]] " in summary
     assert found.stderr.endswith(f"\n{summary}\nunchanged since the last run\n")
-    assert state(finished) == before
+    before.pop(cache, None)
+    assert {k: v for k, v in state(finished).items() if k != cache} == before
 
 
 @pytest.mark.usefixtures("plain_pictures")
