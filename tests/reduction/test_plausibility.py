@@ -258,7 +258,7 @@ def test_ten_times_the_weight_gets_a_note_and_a_usual_one_none():
 
 def test_a_campaign_of_unsettled_records_is_told_what_to_look_at():
     assert (
-        "is `tare` too short"
+        "is `tare` or `settle` too short"
         in plausibility.mostly_unsettled(lifts([0.2] * 4, ["unsettled"] * 3 + [""]))[0]
     )
     assert plausibility.mostly_unsettled(lifts([0.2] * 4, ["unsettled"] + [""] * 3)) == []
