@@ -12,8 +12,8 @@ import json
 
 import numpy as np
 import pytest
-from scipy.stats import beta
 from tests.calibration import spread
+from tests.calibration.figures import clopper_pearson
 from tests.unit.manifests import CRAZYFLIE, RIG
 
 from nearlift import catalogue
@@ -135,13 +135,6 @@ def said(job):
     return diagnose(drawn, bench().base, (), Options(seed=seed), confirm=confirm).findings.content
 
 
-def interval(hits, n, level=0.95):
-    """Clopper and Pearson's."""
-    low = beta.ppf((1 - level) / 2, hits, n - hits + 1) if hits else 0.0
-    high = beta.ppf((1 + level) / 2, hits + 1, n - hits) if hits < n else 1.0
-    return low, high
-
-
 @pytest.mark.calibration
 @pytest.mark.parametrize("name", EFFECTS)
 @pytest.mark.parametrize("factor", SIZES)
@@ -150,7 +143,7 @@ def test_the_chance_to_see_is_as_foretold(executor, name, factor):
     to estimate its noise floor anew.
     """
     found = bench().row(executor, name, factor, 60, confirm=False)
-    low, high = interval(found["counted"]["seen"], found["n"], 0.995)
+    low, high = clopper_pearson(found["counted"]["seen"], found["n"], 0.995)
     assert low - 0.05 <= found["foretold"]["seen"] <= high + 0.05
 
 

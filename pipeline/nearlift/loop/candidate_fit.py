@@ -35,6 +35,12 @@ class Fitted:
         return self.space.project(self.candidate.jacobian(self.vector).T).T
 
     @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the vector, (P, P), the effects' forms exact."""
+        j, (_, sd) = self.jacobian, self.candidate.prior
+        return inverse(j.T @ j + np.diag(1 / sd**2))
+
+    @property
     def at_bound(self) -> bool:
         """Whether an effect's size is at a bound that is not its null."""
         low, high = self.candidate.bounds
@@ -63,6 +69,13 @@ class Fitted:
     def cost(self) -> float:
         """Objective that the fit minimises."""
         return float(np.sum(self.residual**2)) + self.penalty
+
+
+def inverse(information: FloatArray) -> FloatArray:
+    """Covariance of parameters from their information; 0 along undetermined directions."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    unit = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
 
 
 def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:

@@ -14,7 +14,7 @@ from nearlift.likelihood import student
 from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import confirmation, discrepancy, few_visits, weigh
 from nearlift.loop.candidate import WIDE
-from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.candidate_fit import Fitted, inverse
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.size_parameter import size_parameters
@@ -35,11 +35,11 @@ def joint(
     effects. They widen the covariance. The values move to their new optimum by one Gauss-Newton
     step, within the bounds.
     """
+    if nuisance is None or not nuisance.shape[1]:
+        return fitted.vector, fitted.covariance
     mean, sd = fitted.candidate.prior
     weight2 = 1 / sd**2
     j, r = fitted.jacobian, fitted.residual
-    if nuisance is None or not nuisance.shape[1]:
-        return fitted.vector, inverse(j.T @ j + np.diag(weight2))
     u, s = left_singular(problem.space.project(nuisance.T).T)
     j_solved = j - u @ ((s**2 / (1 + s**2))[:, None] * (u.T @ j))
     covariance = inverse(j.T @ j_solved + np.diag(weight2))
@@ -54,13 +54,6 @@ def spread(
     value, covariance = joint(problem, fitted, nuisance)
     p = len(problem.theta)
     return value[:p], np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
-
-
-def inverse(information: FloatArray) -> FloatArray:
-    """Covariance of parameters from their information; 0 along undetermined directions."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    unit = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
 
 
 def constrained_columns(problem: SearchProblem, chosen: tuple[str, ...]) -> FloatArray:

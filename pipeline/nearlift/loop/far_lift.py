@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.coefficients import inverse
+from nearlift.loop.candidate_fit import Fitted, inverse
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.estimate import Estimate
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.likelihood import student
 from nearlift.loop import few_visits
-from nearlift.loop.coefficients import Answers, joint
+from nearlift.loop.coefficients import Answers
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
@@ -70,7 +70,7 @@ def accepted_explanation(answer: Answer, answers: Answers) -> AcceptedExplanatio
         probability=answer.probability,
         parameters=parameters,
         covariance=ParameterCovariance.named(
-            parameters, answers.covariance if problem.independent else joint(problem, fitted)[1]
+            parameters, answers.covariance if problem.independent else fitted.covariance
         ),
     )
 

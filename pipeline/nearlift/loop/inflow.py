@@ -57,9 +57,7 @@ def log_density(measured: tuple[MeasuredDownwash, ...], fitted: Fitted) -> float
     if not measured or fitted.candidate.model.downwash is None:
         return 0.0
     z_hat, ratio, u = np.array([(m.z_hat, m.ratio, m.u) for m in measured]).T
-    jacobian, (_, sd) = fitted.jacobian, fitted.candidate.prior
-    covariance = np.linalg.pinv(jacobian.T @ jacobian + np.diag(sd**-2.0), hermitian=True)
-    low, high = fitted.candidate.bounds
+    covariance, (low, high) = fitted.covariance, fitted.candidate.bounds
     mean, step = predicted(fitted, fitted.vector, z_hat), 0.1 * np.sqrt(np.diag(covariance))
     columns = np.zeros((len(z_hat), len(step)))
     for i in np.flatnonzero(step):

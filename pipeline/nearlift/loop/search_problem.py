@@ -350,8 +350,12 @@ class SearchProblem:
 
     def downwash_evidence(self, fitted: Fitted) -> float:
         """Log Bayes factor over the base model by the measured downwash."""
-        measured = self.options.downwash
-        return log_density(measured, fitted) - log_density(measured, self.base_fit)
+        return log_density(self.options.downwash, fitted) - self._base_downwash
+
+    @cached_property
+    def _base_downwash(self) -> float:
+        """Log density of the measured downwash given the base model."""
+        return log_density(self.options.downwash, self.base_fit)
 
     def tested(self, e: Explanation) -> Explanation:
         """Explanation with its residuals tested, if its effects could then be named."""
