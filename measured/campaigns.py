@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from nearlift.datasets import garofano_soldado, pitt_ras_older, registry
+from nearlift.datasets import registry
+from nearlift.datasets.converters import write_campaign
 from nearlift.datasets.fetch import cache_folder, get
 from nearlift.errors import InputRefused
 from nearlift.run.tables import sha256
@@ -40,21 +40,11 @@ REMARKS = {
 }
 
 
-def _older_sweeps(table: Path, folder: Path, name: str) -> None:
-    with table.open(newline="") as file:
-        _, *rows = csv.reader(file)
-    pitt_ras_older.write([(int(sweep), a, b, c, d) for sweep, a, b, c, d in rows], folder, name)
-
-
-def _garofano_soldado(table: Path, folder: Path, name: str) -> None:
-    garofano_soldado.write_table(table, folder, along_axes=name.endswith("axes"), name=name)
-
-
-#: Tables at hand that were transcribed from a published file, and what makes a campaign of them.
-TRANSCRIBED: dict[str, tuple[str, Callable[[Path, Path, str], None]]] = {
-    "pitt-ras-older": ("pitt-ras-iarc7-thrust/v1_inline_sweeps.csv", _older_sweeps),
-    "garofano-soldado-2023": ("garofano-soldado-2023/thrust_vs_height.csv", _garofano_soldado),
-    "garofano-soldado-2023-axes": ("garofano-soldado-2023/thrust_vs_height.csv", _garofano_soldado),
+#: Tables at hand that were transcribed from a published file.
+TRANSCRIBED = {
+    "pitt-ras-older": "pitt-ras-iarc7-thrust/v1_inline_sweeps.csv",
+    "garofano-soldado-2023": "garofano-soldado-2023/thrust_vs_height.csv",
+    "garofano-soldado-2023-axes": "garofano-soldado-2023/thrust_vs_height.csv",
 }
 
 
@@ -82,12 +72,11 @@ def campaign(
             cached.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(path, cached)
     try:
-        return get(wanted, folder, say=lambda text: say(f"{name}: {text}"))
+        get(wanted, folder, lambda text: say(f"{name}: {text}"))
     except InputRefused as fault:
-        table, convert = TRANSCRIBED.get(name, ("", None))
-        if convert is None or not (data / table).is_file():
+        table = data / TRANSCRIBED.get(name, "")
+        if not table.is_file():
             raise
-        say(f"{name}: {fault.what}; made from {data / table}")
-        folder.mkdir(parents=True, exist_ok=True)
-        convert(data / table, folder, name)
-        return folder
+        say(f"{name}: {fault.what}; made from {table}")
+        write_campaign(folder, wanted.converter, {table.name: table}, name)
+    return folder

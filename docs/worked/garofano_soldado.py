@@ -1,9 +1,11 @@
-"""Make the figures of docs/garofano-soldado.md: ``python docs/worked/garofano_soldado.py TABLE``.
+"""Make the figures of docs/garofano-soldado.md: ``python docs/worked/garofano_soldado.py SCRIPT``.
 
-TABLE is the published thrust_vs_height.csv. Numbers go to docs/worked/garofano_soldado.json; the
+SCRIPT is the published data_nonplanar_rotors.m. Numbers go to docs/worked/garofano_soldado.json; the
 data stay where they are.
 """
 
+import csv
+import io
 import json
 import sys
 from collections.abc import Callable
@@ -14,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from nearlift.datasets.garofano_soldado import read_table
+from nearlift.datasets.converters import garofano_soldado_table
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, context
 
 HERE = Path(__file__).resolve().parent
@@ -36,10 +38,11 @@ FACING = {
 FAR = 3.0
 
 
-def configurations(table: Path) -> list[dict[str, Any]]:
-    """The table by configuration, forces also along the rotors' axes."""
+def configurations(script: Path) -> list[dict[str, Any]]:
+    """The numbers by configuration, forces also along the rotors' axes."""
+    text = garofano_soldado_table(script.read_text(encoding="utf-8", errors="replace"), str(script))
     found: dict[str, dict[str, Any]] = {}
-    for row in read_table(table):
+    for row in csv.DictReader(io.StringIO(text)):
         alpha, beta = float(row["alpha_deg"]), float(row["beta_deg"])
         at = found.setdefault(
             row["case"],

@@ -237,50 +237,32 @@ data.heading = BEGIN  # type: ignore[attr-defined]
 @registry_option
 def list_data(call: Call, registry: Path | None) -> None:
     """List the data sets: quantities, licence, size."""
-    from nearlift.datasets.registry import OWN, datasets, described
+    from nearlift.datasets.registry import OWN, datasets
 
-    listed = datasets(registry or OWN)
-    lines = [line for item in listed for line in described(item)]
-    call.answer([item.model_dump() for item in listed], "\n".join(lines))
+    listed = datasets(registry or OWN).values()
+    call.answer([item.model_dump() for item in listed], "\n".join(map(str, listed)))
 
 
 @terminal.command(data, BEGIN, "data get pitt-ras-2017", name="get")
 @click.argument("name")
 @click.argument("folder", type=PATH, required=False, metavar="[DIR]")
-@flag("--trust", "Take files without a known digest.")
-@click.option(
-    "--cache",
-    type=FOLDER,
-    help="Where fetched files are kept [default: NEARLIFT_CACHE, or the system's].",
-)
 @registry_option
-def get_data(
-    call: Call,
-    name: str,
-    folder: Path | None,
-    trust: bool,
-    cache: Path | None,
-    registry: Path | None,
-) -> None:
+def get_data(call: Call, name: str, folder: Path | None, registry: Path | None) -> None:
     """Fetch NAME and make it a campaign.
 
-    It is made in DIR (default: raw/NAME). What the cache holds is not fetched again.
+    It is made in DIR (default: raw/NAME). Fetched files are kept in NEARLIFT_CACHE, or where the
+    system has caches, and not fetched again.
     """
     from nearlift.datasets.fetch import get
     from nearlift.datasets.registry import OWN, dataset
 
     chosen = dataset(name, registry or OWN)
-    made = get(chosen, folder or Path("raw") / name, trust=trust, cache=cache, say=call.line)
-    content = {
-        "campaign": str(made),
-        "licence": chosen.licence,
-        "citation": chosen.citation,
-        "next": f"{chosen.next} {made}",
-    }
-    call.answer(
-        content,
-        f"{made}\nlicence: {chosen.licence}; cite: {chosen.citation}\nnext: {content['next']}",
-    )
+    folder = folder or Path("raw") / name
+    get(chosen, folder, call.line)
+    then = f"{chosen.next} {folder}"
+    content = {"campaign": str(folder), "licence": chosen.licence, "citation": chosen.citation}
+    lines = (str(folder), f"licence: {chosen.licence}; cite: {chosen.citation}", f"next: {then}")
+    call.answer(content | {"next": then}, "\n".join(lines))
 
 
 # ---- run

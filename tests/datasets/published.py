@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import http.server
 import threading
@@ -18,9 +19,6 @@ class PublishedFolder:
         asked = self.asked = []
 
         class Handler(http.server.SimpleHTTPRequestHandler):
-            def __init__(self, *args):
-                super().__init__(*args, directory=str(folder))
-
             def do_GET(self):
                 asked.append(urllib.parse.unquote(self.path).lstrip("/"))
                 super().do_GET()
@@ -30,8 +28,9 @@ class PublishedFolder:
 
         folder.mkdir()
         self.folder = folder
-        self.http = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.http.block_on_close = True
+        self.http = http.server.ThreadingHTTPServer(
+            ("127.0.0.1", 0), functools.partial(Handler, directory=str(folder))
+        )
         self.url = f"http://127.0.0.1:{self.http.server_port}"
         self.thread = threading.Thread(target=self.http.serve_forever, args=(0.05,))
         self.thread.start()
@@ -63,9 +62,9 @@ def listed(
     text = f"""
 [[dataset]]
 name = "made-up"
-title = "sweeps that nobody ran"
+title = "sweeps of nothing"
 licence = "CC0"
-citation = "nobody"
+citation = "none"
 home = "{server.url}"
 converter = "{converter}"
 next = "nearlift run"

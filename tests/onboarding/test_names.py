@@ -1,16 +1,13 @@
-"""Names that lead astray: escape sequences, case, accents, folders of a registry."""
+"""Names that lead astray: escape sequences, case, accents."""
 
 from __future__ import annotations
 
 import unicodedata
 from pathlib import Path
 
-import pytest
 from tests.unit import written
 from tests.unit.small_run import nearlift
 
-from nearlift.datasets.registry import CONVERTERS, OWN, datasets
-from nearlift.errors import InputRefused
 from nearlift.printing import printable
 
 ESCAPE = "\x1b[2J\x1b]0;gone\x07"
@@ -71,30 +68,3 @@ def test_the_schedule_beside_the_records_is_no_lost_record(tmp_path: Path) -> No
     answer = nearlift("ingest", root, "--out", tmp_path)
     assert "c.csv is no trial's record" in answer.stderr
     assert "trials.csv" not in answer.stderr
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('name = "pitt-ras-2017"', 'name = "../../esc"', "names no folder"),
-        ('name = "pitt-ras-2017"', 'name = ".."', "names no folder"),
-        ('converter = "pitt_ras"', 'converter = "nothing"', "is no converter: there are"),
-        ('converter = "pitt_ras"', 'converter = "fetch"', "is no converter: there are"),
-    ],
-)
-def test_a_registry_stays_in_the_cache_and_names_its_converters(
-    tmp_path: Path, old: str, new: str, said: str
-) -> None:
-    import re
-
-    text = OWN.read_text(encoding="utf-8")
-    pattern = re.escape(old).replace("\\ =\\ ", r"\s*=\s*")
-    changed, count = re.subn(pattern, new, text, count=1)
-    assert count == 1
-    path = tmp_path / "list.toml"
-    path.write_text(changed, encoding="utf-8")
-    with pytest.raises(InputRefused, match=said):
-        datasets(path)
-    answer = nearlift("data", "list", "--registry", path)
-    assert (answer.exit_code, said in answer.stderr) == (4, True)
-    assert {d.converter for d in datasets()} <= set(CONVERTERS)

@@ -2,88 +2,65 @@
 
 from __future__ import annotations
 
-import difflib
-import re
 import tomllib
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import AfterValidator, Field, ValidationError
 
 from nearlift.campaign.quantities import Section
-from nearlift.errors import InputRefused, UsageError
+from nearlift.datasets.converters import CONVERTERS
+from nearlift.errors import InputRefused, UsageError, brief, did_you_mean
 from nearlift.rounding import bytes_text
 
 OWN = Path(__file__).with_name("registry.toml")
-#: Digest of a file for which none is known.
-UNKNOWN = "unknown"
-#: Modules of this package that make a campaign of files.
-CONVERTERS = ("crazyflie_stand", "garofano_soldado", "jirs", "pitt_ras", "pitt_ras_older")
+
+
+def _converter(value: str) -> str:
+    if value not in CONVERTERS:
+        raise ValueError(f"there is no such converter; there are {', '.join(CONVERTERS)}")
+    return value
+
+
+#: A name that leads into no other folder.
+PlainName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 
 
 class PublicFile(Section):
-    """One published file: its name here, where it is, and the SHA-256 by which it is known."""
+    """One published file, known by its SHA-256."""
 
-    name: str
-    url: str
-    sha256: str
-    bytes: int | None = None
-
-    @field_validator("sha256")
-    @classmethod
-    def _a_digest(cls, value: str) -> str:
-        if value != UNKNOWN and not re.fullmatch(r"[0-9a-f]{64}", value):
-            raise ValueError(f"{value!r} is no SHA-256: 64 digits of 0-9a-f, or {UNKNOWN!r}")
-        return value
-
-    @field_validator("name")
-    @classmethod
-    def _a_name(cls, value: str) -> str:
-        if re.search(r"[/\\\0]", value) or value.startswith(".") or not value.isprintable():
-            raise ValueError(f"{value!r} is a path: give a plain file name")
-        return value
+    name: PlainName
+    url: Annotated[str, Field(pattern=r"^https?://")]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    bytes: int
 
 
 class Dataset(Section):
-    """Published data that can be made into a campaign. `next` is the command that makes sense of
-    it.
-    """
+    """Published data that can be made into a campaign; `next` is the command to run then."""
 
-    name: str
+    name: PlainName
     title: str
     licence: str
     citation: str
     home: str
-    converter: str
+    converter: Annotated[str, AfterValidator(_converter)]
     next: str
     note: str = ""
     file: list[PublicFile] = Field(min_length=1)
 
-    @field_validator("name")
-    @classmethod
-    def _a_folder(cls, value: str) -> str:
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", value):
-            raise ValueError(f"{value!r} names no folder: use letters, digits, '-', '_' and '.'")
-        return value
-
-    @field_validator("converter")
-    @classmethod
-    def _a_converter(cls, value: str) -> str:
-        if value not in CONVERTERS:
-            raise ValueError(f"{value!r} is no converter: there are {', '.join(CONVERTERS)}")
-        return value
-
-    @property
-    def unknown(self) -> tuple[PublicFile, ...]:
-        """The files without a digest."""
-        return tuple(f for f in self.file if f.sha256 == UNKNOWN)
+    def __str__(self) -> str:
+        size = bytes_text(sum(file.bytes for file in self.file))
+        files = f"{len(self.file)} file{'s' * (len(self.file) > 1)}, {size}"
+        about = (self.title, f"{files}; licence: {self.licence}", self.citation, self.note)
+        return "\n  ".join([self.name, *filter(None, about)])
 
 
 class _Registry(Section):
     dataset: list[Dataset]
 
 
-def datasets(path: Path = OWN) -> tuple[Dataset, ...]:
-    """Everything that is listed.
+def datasets(path: Path = OWN) -> dict[str, Dataset]:
+    """Every data set that is listed, by name.
 
     Raises
     ------
@@ -91,43 +68,22 @@ def datasets(path: Path = OWN) -> tuple[Dataset, ...]:
         The list cannot be read or breaks its form.
     """
     try:
-        return tuple(
-            _Registry.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).dataset
-        )
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise InputRefused(str(path), f"is not valid TOML ({fault})", "correct it") from None
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return {item.name: item for item in _Registry.model_validate(content).dataset}
     except ValidationError as fault:
         first = fault.errors()[0]
-        raise InputRefused(
-            str(path),
-            f"{'.'.join(str(p) for p in first['loc'])}:"
-            f" {first['msg'].removeprefix('Value error, ')}",
-            "correct that entry",
-        ) from None
+        key = ".".join(map(str, first["loc"]))
+        message = first["msg"].removeprefix("Value error, ")
+        what = f"{key} = {brief(repr(first['input']), 80)}: {message}"
+        raise InputRefused(str(path), what, "correct that entry") from None
+    except ValueError as fault:
+        raise InputRefused(str(path), f"is not valid TOML ({fault})", "correct it") from None
 
 
 def dataset(name: str, path: Path = OWN) -> Dataset:
     """The data set of that name; `UsageError` with near matches."""
-    known = {d.name: d for d in datasets(path)}
+    known = datasets(path)
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-        raise UsageError(
-            name,
-            "is no data set",
-            f"did you mean {close[0]!r}?" if close else f"there are {', '.join(known)}",
-        )
+        remedy = did_you_mean(name, known) or f"there are {', '.join(known)}"
+        raise UsageError(name, "is no data set", remedy)
     return known[name]
-
-
-def described(item: Dataset) -> list[str]:
-    """Lines of the list of data sets: name, title, size, licence, citation."""
-    sizes = [f.bytes for f in item.file]
-    held = "size unknown" if None in sizes else bytes_text(sum(size or 0 for size in sizes))
-    about = (
-        item.title,
-        f"{len(item.file)} file{'s' if len(item.file) > 1 else ''}, {held}; licence: {item.licence}",
-        item.citation,
-        item.note,
-        "its digest is not known: wants --trust" if item.unknown else "",
-    )
-    return [item.name, *(f"  {line}" for line in about if line)]
