@@ -66,7 +66,9 @@ def pitt_ras_older(files: Files, name: str) -> Converted:
         sweeps = re.split(r"(?m)^\s*np\.array\(\(", path.read_text(encoding="utf-8"))[1:]
         number = r"\s*([\d.]+)\s*"
         row = re.compile(rf"(?m)^\s*\({number},{number},{number},{number}\)")
-        rows = [(k, *found) for k, sweep in enumerate(sweeps, 1) for found in row.findall(sweep)]
+        rows = [
+            (k, *numbers) for k, sweep in enumerate(sweeps, 1) for numbers in row.findall(sweep)
+        ]
         if not rows:
             raise InputRefused(str(path), "has no sweeps np.array((...))", "it is another file")
         table = pd.DataFrame(rows, columns=columns).astype(float)
