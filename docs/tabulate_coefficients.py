@@ -31,10 +31,10 @@ u without one source, over u, of the [quoted](results.md) coefficients; A from r
 COLLAPSE = """
 ## Dependence on throttle
 
-p-values of three [tests](assumptions.md#throttle), and the largest difference between two throttles that 95 % confidence does not exclude, as a share of the coefficient and of Delta L.
+The [test](assumptions.md#throttle), and the largest difference of Delta L between two throttles that 95 % confidence does not exclude.
 
-| campaign | per throttle, p | scale, p | cells, p | coefficient, at most | Delta L, at most |
-|---|---|---|---|---|---|
+| campaign | p | at most |
+|---|---|---|
 """
 
 
@@ -128,12 +128,8 @@ def collapses(out: Path, name: str) -> list[str]:
     lines = []
     for boundary, _, _, found in bases(out, name):
         c = found["throttle_collapse"][boundary]
-        tests = [
-            chance(t["p_value"]) if t else "-"
-            for t in (c["tests"][k] for k in ("coefficient", "curve", "cells"))
-        ]
-        bounds = [bound(c["largest_departure"][k]) for k in ("coefficient", "delta_L")]
-        lines.append(f"| {name} ({boundary}) | " + " | ".join(tests + bounds) + " |")
+        p = chance(c["test"]["p_value"]) if c["test"] else "-"
+        lines.append(f"| {name} ({boundary}) | {p} | {bound(c['largest_departure'])} |")
     return lines
 
 

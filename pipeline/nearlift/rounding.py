@@ -66,6 +66,11 @@ def signed(value: float, places: int) -> str:
     return ("+" if value >= 0 else "") + fixed(value, places)
 
 
+def chance(p: float) -> str:
+    """A p-value as text: ``p = 0.31``, or ``p < 0.001``."""
+    return f"p = {p:.2g}" if p >= 1e-3 else "p < 0.001"
+
+
 def bytes_text(count: int) -> str:
     """A number of bytes in words, as ``1.2 MB``."""
     for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):

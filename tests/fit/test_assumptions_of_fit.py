@@ -58,80 +58,75 @@ def uneven(seed, low, high):
     return dataclasses.replace(data, lift_N=data.lift_N * factor)
 
 
+def collapse_of(data, model="sanchez_cuevas", parts=()):
+    problem, fitted = problem_of(data, model, parts)
+    return collapse.examine(problem, fitted.theta, known)
+
+
 # ---------------------------------------------------------------- collapse
 
 
 def test_a_collapse_is_rejected_as_often_as_stated():
-    """60 campaigns at 5 %: each of three counts lies in its 99.9 % band unless the library errs (or
-    once in 300 runs).
-    """
-    found = [
-        collapse.examine(*(lambda p, f: (p, f.theta, known, 1.65))(*problem_of(ground(s))))
-        for s in range(60)
-    ]
+    """60 campaigns at 5 %: the count lies in its 99.9 % band unless the library errs."""
+    results = [collapse_of(ground(s)) for s in range(60)]
     low, high = binom.interval(0.999, 60, 0.05)
-    for name in ("coefficient", "curve", "cells"):
-        assert low <= sum(f.tests[name].p_value < 0.05 for f in found) <= high, name
-    # the interval behind the bound holds the truth, which is 0, over all pairs at once at 95 %: ten
-    # misses are a chance of 1 in 3000
-    assert (
-        sum(
-            abs(d.value) > d.bound95 - abs(d.value)
-            for d in (f.largest_departure["coefficient"] for f in found)
-        )
-        <= 9
-    )
+    assert low <= sum(r.test.p_value < 0.05 for r in results) <= high
+    # the bound holds the truth, which is 0, over all pairs at once at 95 %: ten misses are a chance
+    # of 1 in 3000
+    departures = [r.largest_departure for r in results]
+    assert sum(abs(d.value) > d.bound95 - abs(d.value) for d in departures) <= 9
 
 
-def of_throttles(found):
-    """Values, their uncertainties, and those of what they differ by."""
-    return np.array([(c.value, c.u, c.u_apart) for c in found.per_throttle.values()]).T
-
-
-def test_a_coefficient_that_depends_on_throttle_is_seen_by_all_three_tests():
-    problem, fitted = problem_of(uneven(1, 1.0, 3.0))
-    found = collapse.examine(problem, fitted.theta, known, 1.65)
-    assert max(test.p_value for test in found.tests.values()) < 1e-4
-    values, u, _ = of_throttles(found)
-    assert values == pytest.approx([1, 1, 3, 3], abs=5 * u.max())
-    departure = found.largest_departure["coefficient"]
+def test_a_curve_that_depends_on_throttle_is_seen():
+    found = collapse_of(uneven(1, 1.0, 3.0))
+    assert found.test.p_value < 1e-4
+    values = np.array([e.value for e in found.per_throttle.values()])
+    assert values.mean() == pytest.approx(1)
+    assert values[:2].max() < 1 < values[2:].min()
+    departure = found.largest_departure
     assert departure.between[0] < 0.6 < departure.between[1]
-    assert departure.bound95 > abs(departure.value) > 0.7
+    assert departure.bound95 > abs(departure.value) > 0.1
 
 
-def test_each_throttle_alone_gives_the_same_coefficient():
-    """Without anything shared, the joint fit of four coefficients is four fits."""
-    data = ground(2)
-    problem, fitted = problem_of(data)
-    values, covariance, chi2 = collapse.per_throttle(problem, fitted.theta)
-    total = 0.0
-    for k, throttle in enumerate(data.levels):
-        alone, own = problem_of(data.take(data.throttle == throttle))
-        assert values[k] == pytest.approx(own.theta[0], rel=1e-4)
-        assert np.sqrt(covariance[k, k]) == pytest.approx(np.sqrt(own.covariance[0, 0]), rel=1e-3)
-        total += float(alone.chi2(own.theta))
-    assert chi2 == pytest.approx(total, rel=1e-6)
+def test_the_scale_of_each_throttle_is_that_of_a_fit_with_scales():
+    """The whitened least-squares problem with one column per throttle, written out."""
+    problem, fitted = problem_of(ground(2))
+    ratio, level = problem.log_ratio(fitted.theta), np.eye(4)[problem.data.level]
+    columns = np.hstack([(level * ratio[:, None])[:, :3], problem.jacobian(fitted.theta)])
+    columns[:, :3] -= (level * ratio[:, None])[:, 3:]
+    white = problem.project(columns.T).T
+    scales = np.linalg.lstsq(white, problem.residuals(fitted.theta), rcond=None)[0][:3]
+    values = [e.value for e in collapse_of(ground(2)).per_throttle.values()]
+    assert np.array(values) - 1 == pytest.approx([*scales, -scales.sum()], rel=1e-6)
 
 
 def test_an_error_that_throttles_share_cancels_between_them():
     datum = Component(
         name="datum", on="height", standard=2e-3, distribution="normal", scope="boundary"
     )
-    data = ground(3)
-    plain, fitted = problem_of(data)
-    shared, with_datum = problem_of(data, parts=(datum,))
-    _, u_without, apart_without = of_throttles(collapse.examine(plain, fitted.theta, known, 1.65))
-    _, u, apart = of_throttles(collapse.examine(shared, with_datum.theta, known, 1.65))
-    assert u.min() > 1.3 * u_without.min()
-    assert apart == pytest.approx(apart_without, rel=0.1)
+    without, shared = collapse_of(ground(3)), collapse_of(ground(3), parts=(datum,))
+    for t, e in shared.per_throttle.items():
+        assert e.u == pytest.approx(without.per_throttle[t].u, rel=0.1)
 
 
-def test_one_throttle_says_nothing_of_the_collapse():
+@pytest.mark.parametrize("where", ["one throttle", "one distance"])
+def test_what_cannot_be_compared_is_not_tested(where):
     data = ground(4)
-    problem, fitted = problem_of(data.take(data.throttle == 0.5))
-    found = collapse.examine(problem, fitted.theta, known, 1.65)
-    assert set(found.tests.values()) == set(found.largest_departure.values()) == {None}
-    assert "cannot be tested" in found.text
+    kept = data.throttle == 0.5 if where == "one throttle" else data.z_hat == data.z_hat.min()
+    found = collapse_of(data.take(kept))
+    assert (found.test, found.largest_departure, found.per_throttle) == (None, None, {})
+    assert "cannot test" in found.text
+
+
+def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_first():
+    datum = Component(
+        name="datum", on="height", standard=0.5e-3, distribution="normal", scope="boundary"
+    )
+    data = campaign(13, boundary="ceiling", ratio=hsiao, stations=CEILING, height=0.0, datum=0.7e-3)
+    fitted = fit(catalogue.model("hsiao_chirarattananon"), data, (datum,), NOISE)
+    assert fitted.problem.offset_m == pytest.approx(0.7e-3, abs=0.05e-3)
+    # with the slope at the recorded heights the misfit would be shared out among the throttles
+    assert collapse.examine(fitted.problem, fitted.theta, known).test.p_value > 1e-3
 
 
 # ---------------------------------------------------------------- held quantity
@@ -142,14 +137,13 @@ def test_the_exponent_that_was_put_in_is_found_near_the_ceiling():
         5, boundary="ceiling", ratio=lambda z: hsiao(z) ** (2 / 3), stations=CEILING, height=0.0
     )
     problem, fitted = problem_of(data, "hsiao_chirarattananon")
-    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    found, _ = held_quantity.examine(problem, fitted.theta, 1.65, "throttle")
     n = found.exponent_from_lift
     assert n.value == pytest.approx(2 / 3, abs=4 * n.u)
     assert n.u < 0.05
     at = {round(x.n, 2): x for x in found.plausible}
     assert [*at] == [1.0, 0.82, 0.67, 0.6]
     assert at[0.67].value == pytest.approx(0.125, abs=4 * at[0.67].u)
-    assert at[1.0].p_value < 1e-6 < 0.001 < at[0.67].p_value
     assert at[1.0].value < at[0.67].value < at[0.6].value
     assert found.supported_exponents is None
 
@@ -163,7 +157,7 @@ def test_a_sidewall_cannot_tell_exponent_from_amplitude():
         height=0.0,
     )
     problem, fitted = problem_of(data, "sidewall_decay")
-    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    found, _ = held_quantity.examine(problem, fitted.theta, 1.65, "throttle")
     # 1 - (1 - x)^n is n x to a few per cent: lift alone says next to nothing of n
     n = found.exponent_from_lift
     assert n is None or not n.u < 1.0
@@ -187,7 +181,7 @@ def logging(data, slope, spread=0.003):
 def test_a_speed_that_follows_the_load_was_not_held_and_decides_the_exponent():
     data = logging(ground(7), -0.2)
     problem, fitted = problem_of(data)
-    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    found, _ = held_quantity.examine(problem, fitted.theta, 1.65, "throttle")
     speed, supply = found.logged
     assert (speed.quantity, supply.quantity) == ("speed_Hz", "supply_V")
     assert speed.response.value == pytest.approx(-0.2, abs=4 * speed.response.u)
@@ -196,14 +190,14 @@ def test_a_speed_that_follows_the_load_was_not_held_and_decides_the_exponent():
     low, high = found.supported_exponents
     # n = n_speed / (1 - 2 s): 0.60 to 0.82 over 1.4
     assert low < 0.6 / 1.4 < 0.82 / 1.4 < high
-    assert found.range.low > found.plausible[0].value
+    assert min(x.value for x in found.supported) > found.plausible[0].value
     assert "rotor speed logged was not constant" in found.text
     assert "By theory the logs allow" in found.text
 
 
 def test_a_held_speed_leaves_the_exponents_of_constant_speed():
     problem, fitted = problem_of(logging(ground(8), 0.0))
-    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    found, _ = held_quantity.examine(problem, fitted.theta, 1.65, "throttle")
     speed = found.logged[0]
     assert speed.held
     low, high = speed.exponents
@@ -237,7 +231,7 @@ def test_power_comes_from_supply_and_current_and_theory_wants_two_thirds():
     covariates = {**data.covariates, "current_A": 2.0 * data.throttle / data.covariates["supply_V"]}
     data = dataclasses.replace(data, covariates=covariates)
     problem, fitted = problem_of(data)
-    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    found, _ = held_quantity.examine(problem, fitted.theta, 1.65, "throttle")
     power = next(r for r in found.logged if r.quantity == "power_W")
     assert power.held
     assert power.response.value == pytest.approx(0, abs=1e-9)
@@ -275,16 +269,13 @@ def test_a_trend_with_speed_is_found_and_a_constant_is_kept():
         for e in noise
     ]
     flat = [rotor.trend(np.log(np.full(4, 2.4)) + e, covariance, np.log(speed)) for e in noise]
-    assert all(r.p_constant < 1e-6 for r in rising)
+    assert np.median([r.p_trend for r in rising]) < 1e-6
     assert np.mean([r.exponent for r in rising]) == pytest.approx(
         0.1, abs=4 * rising[0].u_exponent / 20
     )
-    # 99.9 % band of 5 % of 400
-    low, high = binom.interval(0.999, 400, 0.05)
-    assert low <= sum(f.p_constant < 0.05 for f in flat) <= high
-    # a widened interval rejects less than it says, never more
-    assert sum(f.p_trend < 0.05 for f in flat) <= high
-    assert rotor.trend(np.log([2.4]), covariance[:1, :1], np.log(speed[:1])).p_constant is None
+    # 99.9 % band of 5 % of 400: a widened interval rejects less than it says, never more
+    assert sum(f.p_trend < 0.05 for f in flat) <= binom.interval(0.999, 400, 0.05)[1]
+    assert rotor.trend(np.log([2.4]), covariance[:1, :1], np.log(speed[:1])).p_trend is None
 
 
 def test_scatter_about_the_power_law_widens_its_interval():
@@ -292,7 +283,7 @@ def test_scatter_about_the_power_law_widens_its_interval():
     found = rotor.trend(np.log([2.4, 2.6, 2.4, 2.6]), covariance, speed)
     assert found.excess > 20
     assert found.dof == 2
-    assert found.p_constant < 1e-12 < 0.05 < found.p_trend
+    assert found.p_trend > 0.05
 
 
 def test_a_throttle_map_gives_c_l_and_outside_of_it_nothing():
@@ -358,30 +349,3 @@ def test_what_is_lacking_is_said():
     found = rotor.examine(bare, blind, fitted.theta, fitted.covariance, ())
     assert found.missing == ("air_density",)
     assert GEOMETRY["spacing_hat"] == pytest.approx(problem.data.geometry["spacing_hat"])
-
-
-# ---------------------------------------------------------------- heights that the slope does not
-# carry
-
-
-def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_first():
-    datum = Component(
-        name="datum", on="height", standard=0.5e-3, distribution="normal", scope="boundary"
-    )
-    data = campaign(13, boundary="ceiling", ratio=hsiao, stations=CEILING, height=0.0, datum=0.7e-3)
-    fitted = fit(catalogue.model("hsiao_chirarattananon"), data, (datum,), NOISE)
-    problem, theta = fitted.problem, fitted.theta
-    assert problem.offset_m == pytest.approx(0.7e-3, abs=0.05e-3)
-    found = collapse.examine(problem, theta, known, 1.65)
-    values, u, _ = of_throttles(found)
-    # with the slope at the recorded heights the misfit would be shared out among the throttles
-    assert values == pytest.approx(0.125, abs=5 * u.max())
-    assert min(test.p_value for test in found.tests.values()) > 1e-3
-    assert np.sqrt(fitted.covariance[0, 0]) == pytest.approx(u.min(), rel=0.5)
-
-
-def test_one_distance_says_nothing_of_any_throttle_and_warns_of_nothing():
-    data = ground(3)
-    problem, fitted = problem_of(data.take(data.z_hat == data.z_hat.min()))
-    found = collapse.examine(problem, fitted.theta, known, 1.65)
-    assert (found.tests["coefficient"], found.per_throttle) == (None, {})

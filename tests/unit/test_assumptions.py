@@ -53,18 +53,18 @@ def test_every_number_of_the_page_has_its_place(small_job):
         ["Ceiling"],
         ["Sidewall"],
     ]
-    assert [re.findall(r'data-source="([^"]+)', row)[2] for row in rows] == [
-        f"fit.json#/throttle_collapse/{boundary}/tests/cells/p_value"
+    assert [re.findall(r'data-source="([^"]+)', row)[0] for row in rows] == [
+        f"fit.json#/throttle_collapse/{boundary}/test/p_value"
         for boundary in ("ground", "ceiling", "sidewall")
     ]
     assert 'data-source="fit.json#/held_quantity/ceiling/plausible/0/value"' in text
-    each = text.partition("Coefficient of the base fit at each throttle")[2]
+    each = text.partition("log ratio at each throttle")[2]
     each = each.partition("<tbody>")[2].partition("</tbody>")[0].split("<tr>")[1:]
     assert len(each) == 12
     assert "<td>25\N{NO-BREAK SPACE}%</td>" in each[0]
     place = "fit.json#/throttle_collapse/ground/per_throttle/0.25/"
     assert re.findall(r'data-source="([^"]+)', each[0]) == [
-        place + key for key in ("value", "u", "lo90", "hi90", "u_apart")
+        place + key for key in ("value", "u", "lo90", "hi90")
     ]
     assert "Lift coefficient of the rotor at each throttle" not in text
 
@@ -74,11 +74,11 @@ def test_a_departure_without_an_end_has_no_number(make_job):
     path = job.processed / FIT.file
     fit = json.loads(path.read_text())
     for entry in fit["throttle_collapse"].values():
-        entry["largest_departure"]["coefficient"]["bound95"] = None
+        entry["largest_departure"]["bound95"] = None
     path.write_text(json.dumps(fit))
     text = small_run.chapter(gather(job), "assumptions")
-    assert "largest_departure/delta_L/bound95" in text
-    assert "largest_departure/coefficient/bound95" not in text
+    assert "throttle_collapse/ground/test/p_value" in text
+    assert "largest_departure/bound95" not in text
 
 
 def test_logged_speed_reaches_held_quantity_and_rotor(make_job):
@@ -105,7 +105,7 @@ def test_logged_speed_reaches_held_quantity_and_rotor(make_job):
     assert speed["response"]["lo90"] - 0.05 < -0.15 < speed["response"]["hi90"] + 0.05
     low, high = held["supported_exponents"]
     assert low < 0.6 / 1.3 < 0.82 / 1.3 < high
-    assert held["range"]["from"] == "logged quantities"
+    assert [x["n"] for x in held["supported"]] == [low, high]
     rotor = found["rotor_coefficient"]["ground"]
     assert rotor["speed_from"] == "the rpm logged, far from the boundary"
     # the trials' L_inf goes as throttle to 1.4, the speed squared as 1.2

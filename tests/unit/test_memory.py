@@ -42,7 +42,6 @@ def fitted(data):
         found.problem,
         found.theta,
         lambda g: information.freedom(found.problem, g, found.parts, found.noise, found.slope),
-        1.65,
     )
 
 

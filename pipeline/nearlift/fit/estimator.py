@@ -225,24 +225,17 @@ class Estimator:
     def _exponents(self) -> Iterator[tuple[str, float, float]]:
         """Condition, value and u of the first coefficient at a free exponent and 2/3."""
         problem = self.problem
-        n, u_n, _ = held_quantity.free_exponent(problem, self.theta)
+        n, u_n = held_quantity.free_exponent(problem, self.theta)
         if np.isfinite(n):
             refits = held_quantity.at_exponents(
                 problem, self.theta, [n - EXPONENT_STEP, n, n + EXPONENT_STEP]
             )
             if len(refits) == 3:
-                turn = (refits[2].value - refits[0].value) / (2 * EXPONENT_STEP)
-                yield (
-                    "free exponent of the lift ratio",
-                    refits[1].value,
-                    float(np.hypot(refits[1].u, turn * u_n)),
-                )
-        for power in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
-            yield (
-                "constant power instead of constant throttle (exponent 2/3)",
-                power.value,
-                power.u,
-            )
+                (_, below, _), (_, value, u), (_, above, _) = refits
+                turn = (above - below) / (2 * EXPONENT_STEP)
+                yield "free exponent of the lift ratio", value, float(np.hypot(u, turn * u_n))
+        for _, value, u in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
+            yield "constant power instead of constant throttle (exponent 2/3)", value, u
 
 
 def largest(

@@ -21,56 +21,32 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import solver
 from nearlift.fit.information import parameter_covariance
-from nearlift.fit.significance import REJECTS, chance, f_test, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Estimate, IntArray, Observations
-from nearlift.results.assumptions import (
-    ExponentFit,
-    ExponentRange,
-    HeldQuantity,
-    LoggedResponse,
-)
-from nearlift.rounding import plus_minus
+from nearlift.results.assumptions import ExponentFit, HeldQuantity, LoggedResponse
+from nearlift.rounding import chance, plus_minus
 
+#: Exponent at constant power by momentum theory, and least and greatest at constant rotor speed by
+#: blade-element theory (solidity times lift slope 0.75 to 1.14).
+POWER, SPEED = 2 / 3, (0.6, 0.82)
 #: Plausible exponents, each with its assumption.
 PLAUSIBLE = {
     1.0: "the ratio as published",
-    0.82: "constant speed, at most",
-    2 / 3: "constant power",
-    0.6: "constant speed, at least",
+    SPEED[1]: "constant speed, at most",
+    POWER: "constant power",
+    SPEED[0]: "constant speed, at least",
 }
-#: Exponents n at constant speed (blade-element theory, solidity times lift slope 0.75 to 1.14) and
-#: at constant power (momentum theory).
-SPEED = (0.6, 0.82)
-POWER = 2 / 3
-#: Exponents at which the curve of the coefficient is drawn.
-CURVE = np.round(np.arange(0.5, 1.2001, 0.05), 2)
-#: Significance level of the test that a logged quantity was held.
+#: Bounds of a free exponent: the plausible ones with room to either side.
+EXPONENT_BOUNDS = (0.1, 3.0)
+#: Significance level of the test that a logged quantity was held: one false alarm in a hundred
+#: campaigns, since it changes the exponent.
 NOT_HELD = 0.01
 #: Least denominator of the formulas above: part of the change of lift at constant speed or power.
 LEAST_LEFT = 0.1
 #: Fewest visits in one session for a response: six are left after a level and a slope.
 ENOUGH = 8
-FOLLOWS = "The exponent n of the lift ratio depends on what else is constant."
-#: What the manifest's `held` means for the exponent.
-DECLARED = {
-    "throttle": f"Constant throttle fixes neither rotor speed nor power. {FOLLOWS}",
-    "voltage": f"Constant voltage fixes neither rotor speed nor power. {FOLLOWS}",
-    "rpm": "At constant rotor speed blade-element theory predicts n between 0.60 and 0.82.",
-    "power": "At constant power momentum theory predicts n = 2/3.",
-}
 NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AtExponent:
-    """The first coefficient with the ratio to the power `n`."""
-
-    n: float
-    value: float
-    u: float
-    chi2: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,15 +61,15 @@ class Response:
 
 
 def examine(
-    problem: Problem, theta: FloatArray, noise_dof: float, reach90: float, declared: str
+    problem: Problem, theta: FloatArray, reach90: float, declared: str
 ) -> tuple[HeldQuantity, tuple[Response, ...]]:
-    """The first coefficient over the supported exponents, from the published model's optimum (p,).
+    """The first coefficient at the plausible exponents and at those that the logs support, from the
+    published model's optimum (p,); with the responses of the logged quantities.
 
-    The exponents are those that the logs support, else the plausible ones; the responses of the
-    logged quantities are included. `reach90` is half of its 90 % interval in standard
-    uncertainties, `declared` the held quantity that the manifest states.
+    `reach90` is half of its 90 % interval in standard uncertainties, `declared` the held quantity
+    that the manifest states.
     """
-    n, u_n, least = free_exponent(problem, theta)
+    n, u_n = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
     answers = {q: response(problem.data, log_ratio, q) for q in logged(problem.data)}
     responses = tuple(r for r in answers.values() if r is not None)
@@ -102,157 +78,124 @@ def examine(
     supported = implied.get("speed_Hz") or implied.get("power_W")
 
     def at(exponents: Sequence[float]) -> tuple[ExponentFit, ...]:
-        tested = [
-            (x, f_test(x.chi2 - least, 1, noise_dof))
-            for x in at_exponents(problem, theta, exponents)
-        ]
         return tuple(
-            ExponentFit.around(
-                x.value, x.u, reach90, n=x.n, p_value=test.p_value if test else float("nan")
-            )
-            for x, test in tested
+            ExponentFit.around(value, u, reach90, n=n, supposes=PLAUSIBLE.get(n))
+            for n, value, u in at_exponents(problem, theta, exponents)
         )
 
-    plausible = tuple(replace(x, supposes=PLAUSIBLE[x.n]) for x in at(list(PLAUSIBLE)))
-    judged = at(supported) if supported else plausible
     held = HeldQuantity(
         declared=declared,
-        declared_text=DECLARED[declared],
         coefficient=problem.names[0],
-        plausible=plausible,
+        plausible=at(list(PLAUSIBLE)),
         exponent_from_lift=Estimate.around(n, u_n, reach90) if np.isfinite(n) else None,
         logged=tuple(r.logged for r in responses),
         supported_exponents=supported,
-        range=ExponentRange(
-            source="logged quantities" if supported else "plausible exponents",
-            low=min(x.value for x in judged),
-            high=max(x.value for x in judged),
-            lo90=min(x.lo90 for x in judged),
-            hi90=max(x.hi90 for x in judged),
-        )
-        if judged
-        else None,
-        curve=at(CURVE.tolist()),
+        supported=at(supported) if supported else (),
         text="",
     )
     unanswered = [NAMES[q] for q, r in answers.items() if r is None and q != "supply_V"]
-    return replace(held, text=_words(held, unanswered)), responses
+    return replace(held, text=_text(held, unanswered)), responses
 
 
-def _words(held: HeldQuantity, unanswered: Sequence[str]) -> str:
+def _text(held: HeldQuantity, unanswered: Sequence[str]) -> str:
     """Effect of the exponent on the coefficient, and the exponents that lift and logs support;
     `unanswered` are logged quantities whose response is not estimable.
     """
     parts, name = [], held.coefficient
     if held.plausible:
-        least, most = (
-            min(held.plausible, key=lambda x: x.value),
-            max(held.plausible, key=lambda x: x.value),
+        ends = " to ".join(
+            f"{x.value:.3g} (n = {x.n:.2g})"
+            for x in (f(held.plausible, key=lambda x: x.value) for f in (min, max))
         )
-        ends = f"{least.value:.3g} (n = {least.n:.2g}) to {most.value:.3g} (n = {most.n:.2g})"
         parts.append(f"Over the plausible exponents the base fit’s {name} runs from {ends}.")
     if held.exponent_from_lift:
         n = plus_minus(held.exponent_from_lift.value, held.exponent_from_lift.u)
         parts.append(f"Lift alone gives n = {n}, if the form is true.")
-        excluded = [
-            f"{x.n:.2g} ({chance(x.p_value)})" for x in held.plausible if x.p_value < REJECTS
-        ]
-        if excluded:
-            parts.append(
-                f"Under this form it rejects n = {', '.join(excluded)}, as a wrong form would."
-            )
     else:
         parts.append(f"From lift alone the exponent and {name} are confounded.")
-    parts += [_answer(r) for r in held.logged]
+    for r in held.logged:
+        verdict = "does not follow the boundary" if r.held else "was not constant"
+        answer = plus_minus(r.response.value, r.response.u)
+        parts.append(
+            f"The {NAMES[r.quantity]} logged {verdict}: it scales as lift to the power {answer}"
+            f" ({chance(r.p_value)}), and varied by {100 * r.spread:.2g} % within a throttle."
+        )
     if unanswered:
         parts.append(
             f"Too few visits in a session have {' and '.join(unanswered)} to infer the exponent."
         )
     elif not held.supported_exponents:
         parts.append("Logged rpm or power would determine the exponent.")
-    elif held.range:
+    elif held.supported:
         low, high = held.supported_exponents
+        values = [x.value for x in held.supported]
         parts.append(
-            f"By theory the logs allow {low:.2f} < n < {high:.2f}: {name} from"
-            f" {held.range.low:.3g} to {held.range.high:.3g}."
+            f"By theory the logs allow {low:.2f} < n < {high:.2f}: {name} from {min(values):.3g}"
+            f" to {max(values):.3g}."
         )
     return " ".join(parts)
 
 
-def _answer(r: LoggedResponse) -> str:
-    what, answer = (
-        NAMES[r.quantity],
-        f"{plus_minus(r.response.value, r.response.u)}, {chance(r.p_value)}",
-    )
-    spread = f"it varied by {percent(r.spread)} % within a throttle"
-    if r.held:
-        return f"The {what} logged does not follow the boundary (response {answer}); {spread}."
-    return (
-        f"The {what} logged was not constant: it scales as lift to the power"
-        f" {r.response.value:+.2g} ± {r.response.u:.1g} ({chance(r.p_value)}); {spread}."
-    )
-
-
-def at_exponents(
-    problem: Problem, theta: FloatArray, exponents: Sequence[float]
-) -> tuple[AtExponent, ...]:
-    """The first coefficient refitted in one batch at each exponent at which that converges."""
-    n = np.asarray(exponents, dtype=float)
-    target = problem.project(np.log(problem.data.lift_N))
-    bounds = problem.model.bounds
-
-    def linearised(at: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        left = target - n[rows, None] * problem.project(problem.log_ratio(at))
-        return left, -n[rows, None, None] * problem.project(problem.slopes(at))
-
-    jacobian = problem.slopes(theta)
-    u = np.sqrt(np.diag(parameter_covariance(problem.project(jacobian))[0]))
-    start, scale = np.tile(theta, (len(n), 1)), np.where(u > 0, u, 1.0)
-    minima = solver.minimise(linearised, start, bounds, scale)
-    best = solver.refine(linearised, minima.theta, bounds)
-    answers = []
-    for k in np.flatnonzero(minima.converged):
-        jacobian = n[k] * problem.slopes(best[k])
-        covariance, determined = parameter_covariance(
-            problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
-        )
-        u_value = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
-        answers.append(
-            AtExponent(
-                n=float(n[k]), value=float(best[k, 0]), u=u_value, chi2=float(minima.chi2[k])
-            )
-        )
-    return tuple(answers)
-
-
-def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, float]:
-    """Best-fitting exponent and its standard uncertainty with theta free, both nan at a bound or
-    where theta can replace the exponent; and the least chi2.
-    """
-    low, high = problem.model.bounds
-    low, high = np.r_[low, 0.1], np.r_[high, 3.0]
+def _raised(problem: Problem, free: bool) -> solver.Linearised:
+    """Residuals and derivatives of the ratio to a power, the last parameter; held if not `free`."""
 
     def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
         at, n = x[:, :-1], x[:, -1:]
         ratio = problem.log_ratio(at)
-        slopes = np.concatenate([n[:, :, None] * problem.slopes(at), ratio[:, None]], axis=1)
+        slopes = np.concatenate([n[:, :, None] * problem.slopes(at), free * ratio[:, None]], axis=1)
         return problem.left(n * ratio), -problem.project(slopes)
 
-    size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
-    start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
-    minimum = solver.minimise(linearised, start[None], (low, high), size).theta
+    return linearised
+
+
+def at_exponents(
+    problem: Problem, theta: FloatArray, exponents: Sequence[float]
+) -> list[tuple[float, float, float]]:
+    """Exponent, refitted first coefficient and its standard uncertainty, at each exponent at which
+    that converges.
+    """
+    start = np.column_stack([np.tile(theta, (len(exponents), 1)), exponents])
+    bounds = _bounds(problem)
+    u = np.sqrt(np.diag(parameter_covariance(problem.project(problem.slopes(theta)))[0]))
+    linearised = _raised(problem, free=False)
+    minima = solver.minimise(linearised, start, bounds, np.r_[np.where(u > 0, u, 1.0), 1.0])
+    best = solver.refine(linearised, minima.theta, bounds)
+    answers = []
+    for x in best[minima.converged]:
+        jacobian = x[-1] * problem.slopes(x[:-1])
+        covariance, determined = parameter_covariance(
+            problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
+        )
+        u_value = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
+        answers.append((float(x[-1]), float(x[0]), u_value))
+    return answers
+
+
+def _bounds(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    low, high = (
+        np.r_[end, n] for end, n in zip(problem.model.bounds, EXPONENT_BOUNDS, strict=True)
+    )
+    return low, high
+
+
+def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float]:
+    """Best-fitting exponent and its standard uncertainty with theta free; both nan at a bound or
+    where theta can replace the exponent.
+    """
+    low, high = _bounds(problem)
+    scale = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
+    start = np.clip(np.r_[theta, 1.0], low + 1e-6 * scale, high - 1e-6 * scale)
+    linearised = _raised(problem, free=True)
+    minimum = solver.minimise(linearised, start[None], (low, high), scale).theta
     best = solver.refine(linearised, minimum, (low, high))
-    r, slopes = (x[0] for x in linearised(best, np.zeros(1, dtype=np.int64)))
-    best, chi2 = best[0], min(float(r @ r), float(problem.chi2(theta)))
-    information = (slopes * size[:, None]) @ (slopes * size[:, None]).T
-    at_bound = np.any(best - low < 1e-4 * size) or np.any(high - best < 1e-4 * size)
+    slopes = linearised(best, np.zeros(1, dtype=np.int64))[1][0] * scale[:, None]
+    information = slopes @ slopes.T
+    at_bound = np.any(best - low < 1e-4 * scale) or np.any(high - best < 1e-4 * scale)
     if at_bound or np.linalg.cond(information) > 1e12:
-        return float("nan"), float("nan"), chi2
-    u = float(np.sqrt(np.linalg.inv(information)[-1, -1]) * size[-1])
+        return np.nan, np.nan
+    u = float(np.sqrt(np.linalg.inv(information)[-1, -1]) * scale[-1])
     # along so flat a valley the search's last place is no estimate
-    if u > high[-1] - low[-1]:
-        return float("nan"), float("nan"), chi2
-    return float(best[-1]), u, chi2
+    return (np.nan, np.nan) if u > np.ptp(EXPONENT_BOUNDS) else (float(best[0, -1]), u)
 
 
 def logged(data: Observations) -> dict[str, FloatArray]:
@@ -262,7 +205,7 @@ def logged(data: Observations) -> dict[str, FloatArray]:
     known = dict(data.covariates)
     if "power_W" not in known and {"supply_V", "current_A"} <= known.keys():
         known["power_W"] = known["supply_V"] * known["current_A"]
-    wanted = {name: known[name] for name in ("speed_Hz", "power_W", "supply_V") if name in known}
+    wanted = {name: known[name] for name in NAMES if name in known}
     return {name: x for name, x in wanted.items() if np.isfinite(x).all() and (x > 0).all()}
 
 
@@ -278,28 +221,24 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
 
     y = np.log(logged(data)[quantity])
     levels, sessions = data.level_columns, int(data.session.max()) + 1
-    k, columns = levels.shape[1], [levels, np.eye(sessions)[data.session][:, 1:]]
-    q, _ = np.linalg.qr(np.hstack(columns))
+    k, session = levels.shape[1], np.eye(sessions)[data.session][:, 1:]
+    q, _ = np.linalg.qr(np.hstack([levels, session]))
     alone = log_ratio - q @ (q.T @ log_ratio)
     visits = np.unique(data.visit, return_inverse=True)[1]
     dof = visits.max() + 1 - sessions - 1
     # distance and session changed together: the ratio does not vary within a session
-    if dof < ENOUGH - 2 or not alone @ alone > 1e-4 * (log_ratio - log_ratio.mean()) @ (
-        log_ratio - log_ratio.mean()
-    ):
+    if dof < ENOUGH - 2 or not alone @ alone > 1e-4 * len(y) * np.var(log_ratio):
         return None
     # sessions about their mean, so that a throttle's level is that of the whole campaign
-    about = columns[1] - columns[1].mean(axis=0)
-    x = np.column_stack([columns[0], log_ratio, about])
+    x = np.column_stack([levels, log_ratio, session - session.mean(axis=0)])
     inverse = np.linalg.pinv(x.T @ x)
     beta = inverse @ (x.T @ y)
-    residual = y - x @ beta
     scores = np.zeros((visits.max() + 1, x.shape[1]))
-    np.add.at(scores, visits, x * residual[:, None])
+    np.add.at(scores, visits, x * (y - x @ beta)[:, None])
     covariance = inverse @ (scores.T @ scores) @ inverse * (visits.max() + 1) / dof
     slope, u = float(beta[k]), float(np.sqrt(covariance[k, k]))
     within = y - levels @ np.linalg.lstsq(levels, y, rcond=None)[0]
-    # what is constant to rounding was held
+    # a quantity that is constant to rounding was held
     p = float(2 * t.sf(abs(slope) / u, dof)) if u > 1e-9 else float(abs(slope) < 1e-6)
     estimate = Estimate.around(slope, u, student.NORMAL_90)
     return Response(

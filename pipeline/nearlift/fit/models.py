@@ -10,16 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.declare import LiftModel
+from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fit import assumptions, deletion, inputs, profiles, screening
+from nearlift.fit import (
+    collapse,
+    deletion,
+    held_quantity,
+    information,
+    inputs,
+    profiles,
+    rotor,
+    screening,
+)
 from nearlift.fit.base_result import base_result
 from nearlift.fit.least_squares import LeastSquaresFit, fit
 from nearlift.fit.posterior import Settings
 from nearlift.fit.posterior_summary import add_posterior
 from nearlift.fit.profiles import Profile
 from nearlift.fit.summary import summary
-from nearlift.likelihood import budget
+from nearlift.likelihood import budget, student
 from nearlift.likelihood.noise import REPEATS
 from nearlift.likelihood.problem import height_slope
 from nearlift.results import Noise, Observations
@@ -117,7 +126,7 @@ def fit_boundary(
     offset_m = result.problem.offset_m
     slope = height_slope(base, data, base.named(result.theta), offset_m)
     carried = inputs.acting(parts, base, result.theta)
-    collapse, held, rotor = assumptions.check(campaign, result)
+    collapsed, held, coefficient = _assumptions(campaign, result)
     influence = screening.screen(result, parts, outlying)
     notes = list(screening.notes(boundary, influence))
     entry, rows, draws, more = fitted(base, result)
@@ -145,14 +154,36 @@ def fit_boundary(
         fits=fits,
         failed=failed,
         comparison=_compare(base.name, fits, held_out),
-        throttle_collapse=collapse,
+        throttle_collapse=collapsed,
         held_quantity=held,
-        rotor_coefficient=rotor,
+        rotor_coefficient=coefficient,
         influence=influence,
         quoted=quoted,
         profiles=rows,
         draws=draws,
         notes=notes,
+    )
+
+
+def _assumptions(
+    campaign: Campaign, fitted: LeastSquaresFit
+) -> tuple[ThrottleCollapse, HeldQuantity | None, RotorCoefficient]:
+    """Tests of one curve for all throttles, of the held quantity, and of a constant C_L."""
+    problem, theta = fitted.problem, fitted.theta
+    # the exponent is confounded with the coefficients and takes their degrees of freedom
+    reach90 = student.quantile(0.95, fitted.effective[0]) if len(theta) else student.NORMAL_90
+    held: HeldQuantity | None = None
+    responses: tuple[held_quantity.Response, ...] = ()
+    if len(theta):
+        held, responses = held_quantity.examine(problem, theta, reach90, campaign.rig.held)
+
+    def freedom(g: FloatArray) -> FloatArray:
+        return information.freedom(problem, g, fitted.parts, fitted.noise, fitted.slope)
+
+    return (
+        collapse.examine(problem, theta, freedom),
+        held,
+        rotor.examine(campaign, problem, theta, fitted.covariance, responses),
     )
 
 

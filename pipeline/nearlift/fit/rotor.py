@@ -19,7 +19,6 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.effects.gain import STANDARD, density
 from nearlift.fit.held_quantity import Response, logged
-from nearlift.fit.significance import REJECTS, chance
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Estimate, Observations
@@ -27,10 +26,9 @@ from nearlift.results.assumptions import (
     RotorCoefficient,
     RotorTrend,
     RotorUnknown,
-    SpeedLaw,
     ThrottleLift,
 )
-from nearlift.rounding import plus_minus
+from nearlift.rounding import chance, plus_minus
 
 #: C_L of Carter, Bouchard and Quinn 2021, at every speed.
 PAPER = 1.6
@@ -52,10 +50,6 @@ class Trend:
     ----------
     mean, u_mean : float
         Of a constant C_L.
-    middle_Hz, C_middle : float
-        Geometric mean speed, and the power law's C_L there.
-    p_constant : float or None
-        p-value of one C_L for all throttles; None for one throttle.
     exponent, u_exponent : float
         m of C_L ~ f^m; nan for one throttle.
     dof : float
@@ -68,9 +62,6 @@ class Trend:
 
     mean: float
     u_mean: float
-    middle_Hz: float = np.nan
-    C_middle: float = np.nan
-    p_constant: float | None = None
     exponent: float = np.nan
     u_exponent: float = np.nan
     dof: float = np.inf
@@ -104,28 +95,19 @@ def examine(
     The air's density is taken as exact: an error of it scales all C_L alike.
     """
     data, vehicle = problem.data, campaign.vehicle
-    measured = logged_speed(data, responses)
+    measured, source = logged_speed(data, responses), "the rpm logged, far from the boundary"
     air, how = air_density(campaign, data)
-    if measured is not None:
-        speed, u_log = measured
-        source = "the rpm logged, far from the boundary"
-    elif vehicle.throttle_map is not None:
-        speed = vehicle.throttle_map.speed_Hz(data.levels)
-        u_log, source = (
-            np.full(len(speed), vehicle.throttle_map.uncertainty),
-            "the manifest's throttle_map",
-        )
-    else:
+    if measured is None and vehicle.throttle_map is not None:
+        mapped = vehicle.throttle_map.speed_Hz(data.levels)
+        measured = mapped, np.full(len(mapped), vehicle.throttle_map.uncertainty)
+        source = "the manifest's throttle_map"
+    if measured is None or not (known := np.isfinite(measured[0])).any():
         return RotorUnknown(missing=("rpm",), text=NO_SPEED)
-    known = np.isfinite(speed)
     if air is None:
         return RotorUnknown(missing=("air_density",), text=NO_DENSITY)
-    if not known.any():
-        return RotorUnknown(missing=("rpm",), text=NO_SPEED)
     log_levels, given = problem.log_levels(theta)
     toll = problem.d_shown_levels_d_theta(problem.jacobian(theta))
-    whole = given + toll @ covariance @ toll.T
-    speed = speed[known]
+    speed, u_log = (each[known] for each in measured)
     C_L = coefficient(
         np.exp(log_levels[known]),
         speed,
@@ -134,10 +116,8 @@ def examine(
         rotors=vehicle.rotors,
     )
     # errors of speed are independent between throttles
-    spread = whole[np.ix_(known, known)] + np.diag((2 * u_log[known]) ** 2)
-    law = trend(np.log(C_L), spread, np.log(speed))
-    u = C_L * np.sqrt(np.diag(spread))
-    exact_map = measured is None and not u_log.any()
+    whole = (given + toll @ covariance @ toll.T)[known][:, known] + np.diag((2 * u_log) ** 2)
+    law, u = trend(np.log(C_L), whole, np.log(speed)), C_L * np.sqrt(np.diag(whole))
     return RotorTrend(
         speed_from=source,
         air_density=air,
@@ -147,17 +127,13 @@ def examine(
             for x, f, c, u_c in zip(data.levels[known], speed, C_L, u, strict=True)
         },
         mean=Estimate.around(law.mean, law.u_mean, student.NORMAL_90),
-        p_constant=law.p_constant,
         exponent=(
             None
             if law.p_trend is None
             else Estimate.around(law.exponent, law.u_exponent, student.quantile(0.95, law.dof))
         ),
-        law=SpeedLaw(C_L=law.C_middle, speed_Hz=law.middle_Hz),
         p_trend=law.p_trend,
-        excess=law.excess,
-        paper=PAPER,
-        text=_words(C_L, u, law, exact_map),
+        text=_text(C_L, u, law),
     )
 
 
@@ -168,17 +144,15 @@ def air_density(campaign: Campaign, data: Observations) -> tuple[float | None, s
     kelvin = data.covariates.get("temperature_K")
     if kelvin is None or not np.isfinite(kelvin).any():
         return None, ""
-    pressure = data.covariates.get("pressure_Pa", np.full(data.n, STANDARD["pressure_Pa"]))
-    humidity = data.covariates.get("humidity", np.full(data.n, STANDARD["humidity"]))
-    lacking = [
-        name
-        for name in ("pressure", "humidity")
-        if not any(c.startswith(name) for c in data.covariates)
-    ]
-    how = "the temperature logged" if lacking else "temperature, pressure and humidity as logged"
-    return float(np.nanmean(density(kelvin, pressure, humidity))), how + (
-        f", standard {' and '.join(lacking)}" if lacking else ""
+    others = {n: data.covariates.get(n) for n in ("pressure_Pa", "humidity")}
+    pressure, humidity = (STANDARD[n] if x is None else x for n, x in others.items())
+    assumed = [n.partition("_")[0] for n, x in others.items() if x is None]
+    how = (
+        f"the temperature logged, standard {' and '.join(assumed)}"
+        if assumed
+        else "temperature, pressure and humidity as logged"
     )
+    return float(np.nanmean(density(kelvin, pressure, humidity))), how
 
 
 def logged_speed(
@@ -205,59 +179,48 @@ def logged_speed(
     return np.exp(mean), np.array(u)
 
 
-def _words(C_L: FloatArray, u: FloatArray, law: Trend, exact_map: bool) -> str:
-    """C_L, its trend, and the paper's constant."""
+def _text(C_L: FloatArray, u: FloatArray, law: Trend) -> str:
+    """C_L and its trend, with the paper's constant."""
     low, high = C_L.min(), C_L.max()
     text = f"C_L is {low:.3g} to {high:.3g}" if len(C_L) > 1 else f"C_L is {low:.3g} ± {u[0]:.1g}"
     text += f" ({100 * (law.mean / PAPER - 1):+.0f} % from the paper's {PAPER:g})."
-    if law.p_constant is not None and law.p_trend is not None:
-        verdict = "is rejected" if law.p_constant < REJECTS else "is not rejected"
+    if law.p_trend is not None:
         text += (
-            f" A constant C_L {verdict} ({chance(law.p_constant)}). C_L scales as speed (Reynolds"
-            " number) to the power "
+            f" C_L scales as speed (Reynolds number) to the power"
+            f" {plus_minus(law.exponent, law.u_exponent)} ({chance(law.p_trend)} for a constant)."
         )
-        text += f"{plus_minus(law.exponent, law.u_exponent)} ({chance(law.p_trend)} for none)."
-        if law.excess > 1:
-            text += (
-                f" C_L scatters about that law by {law.excess:.2g} times its uncertainty. The"
-                " interval is widened by that."
-            )
-    return text + (" The speeds of the map are taken as exact." if exact_map else "")
+    if law.excess > 1:
+        text += (
+            f" C_L scatters about that law by {law.excess:.2g} times its uncertainty. The"
+            " interval is widened by that."
+        )
+    return text
 
 
 def trend(log_C: FloatArray, covariance: FloatArray, log_f: FloatArray) -> Trend:
     """Constant and power law through (K,) values by generalised least squares."""
-    from scipy.stats import chi2, norm, t
+    from scipy.stats import t
 
     k = len(log_C)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    y = whiten @ log_C
-    level = whiten @ np.ones(k)
-    mean = float(level @ y / (level @ level))
-    u_mean = float(1 / np.sqrt(level @ level))
-    constant = Trend(mean=float(np.exp(mean)), u_mean=float(np.exp(mean) * u_mean))
+    y, level = whiten @ log_C, whiten @ np.ones(k)
+    mean = float(np.exp(level @ y / (level @ level)))
+    constant = Trend(mean=mean, u_mean=mean / float(np.sqrt(level @ level)))
     if k < 2:
         return constant
-    left = float((y - mean * level) @ (y - mean * level))
     x = np.column_stack([level, whiten @ (log_f - log_f.mean())])
     inverse = np.linalg.inv(x.T @ x)
     beta = inverse @ (x.T @ y)
-    residual = y - x @ beta
     # scatter about the power law beyond the uncertainties widens the interval, at the scatter's
     # degrees of freedom
-    excess = float(np.sqrt(residual @ residual / (k - 2))) if k > 2 else 1.0
-    wide = excess > 1
-    dof = float(k - 2) if wide else np.inf
-    u = float(np.sqrt(inverse[1, 1])) * max(excess, 1.0)
-    ratio = abs(float(beta[1])) / u
+    birge = float(np.sqrt(np.sum((y - x @ beta) ** 2) / (k - 2))) if k > 2 else 1.0
+    excess, dof = (birge, float(k - 2)) if birge > 1 else (1.0, np.inf)
+    u = float(np.sqrt(inverse[1, 1])) * excess
     return replace(
         constant,
-        middle_Hz=float(np.exp(log_f.mean())),
-        C_middle=float(np.exp(beta[0])),
-        p_constant=float(chi2.sf(left, k - 1)),
         exponent=float(beta[1]),
         u_exponent=u,
         dof=dof,
-        p_trend=float(2 * (t.sf(ratio, dof) if wide else norm.sf(ratio))),
-        excess=max(excess, 1.0),
+        p_trend=float(2 * t.sf(abs(beta[1]) / u, dof)),
+        excess=excess,
     )

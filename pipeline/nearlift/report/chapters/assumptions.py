@@ -9,12 +9,6 @@ from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
 from nearlift.stages.fit import FIT
 
-TESTS = {
-    "coefficient": "one coefficient",
-    "curve": "one curve",
-    "cells": "same ΔL per cell, no model",
-}
-
 
 def facts(evidence: Evidence) -> Markup:
     """Results on each assumption, for the boundaries that have one."""
@@ -27,39 +21,33 @@ def facts(evidence: Evidence) -> Markup:
     return blocks.join(
         blocks.heading("Dependence on throttle"),
         blocks.table(
-            "Test of equal relative lift at all throttles, and 95 % upper limits of the difference"
-            " between two throttles",
-            ("boundary", *(f"p, {t}" for t in TESTS.values()), "coefficient, %", "ΔL, %"),
+            "Test of one curve for all throttles, and the 95 % upper limit of the difference of"
+            " ΔL between two throttles",
+            ("boundary", "p", "difference, %"),
             [
                 (
                     p.title,
-                    *(
-                        p.chance("tests", t, "p_value") if p.content["tests"][t] else "–"
-                        for t in TESTS
-                    ),
-                    *(
-                        p.percent("largest_departure", of, "bound95", digits=2)
-                        for of in ("coefficient", "delta_L")
-                    ),
+                    p.chance("test", "p_value") if p.content["test"] else "–",
+                    p.percent("largest_departure", "bound95", digits=2),
                 )
                 for p in collapse
             ],
         ),
         blocks.items(p.text("text") for p in collapse),
         _folded(
-            "Coefficient of the base fit at each throttle",
-            ("boundary", "throttle", "coefficient", "90 %", "u of its difference from the mean"),
+            "Scale of the base fit's log ratio at each throttle",
+            ("boundary", "throttle", "scale", "90 %"),
             [
-                (p.title, _percent(t), q.equation, q.interval, t.number("u_apart", digits=2))
+                (p.title, _percent(t), q.estimate, q.interval)
                 for p, t in throttles
-                for q in [t.quote(name=p.content["coefficient"])]
+                for q in [t.quote()]
             ],
         ),
         blocks.heading("Held quantity") if held else "",
         blocks.items(h.text("text") for h in held),
         _folded(
             "Coefficient of the base fit at each exponent",
-            ("boundary", "exponent", "assumption", "value", "90 %", "p against the best exponent"),
+            ("boundary", "exponent", "assumption", "value", "90 %"),
             [
                 (
                     h.title,
@@ -67,7 +55,6 @@ def facts(evidence: Evidence) -> Markup:
                     r.content["supposes"],
                     r.number("value", like_u=r.content["u"]),
                     r.ends(like_u=r.content["u"]),
-                    r.chance("p_value"),
                 )
                 for h, r in exponents
             ],
