@@ -761,22 +761,6 @@ def test_32_the_size_is_told_before_anything_is_read(raw: Path) -> None:
     assert f"(has not run yet; 10 files with {length / 1e3:.3g} kB)" in ingest(raw)[1]
 
 
-@pytest.mark.parametrize("tail", [b"\0", b"7"])
-def test_30_32_a_line_without_an_end_costs_no_memory(
-    raw: Path, tail: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("nearlift.readers.text.LONGEST_LINE", 4096)
-    by_text(lambda c: c)(raw)
-    record(raw).write_bytes(record(raw).read_bytes() + 9 * 4096 * tail)
-    os.utime(record(raw), (1e9, 1e9))
-    code, said, quality = ingest(raw)
-    if tail == b"\0":
-        assert (code, quality[TRIAL]) == (0, "truncated")
-    else:
-        assert (code, quality[TRIAL]) == (3, "MALFORMED")
-        assert "trials/t01.csv, after line 501: has a line of more than" in said
-
-
 def test_json_speaks_of_rejections_too(raw: Path) -> None:
     put(b"")(raw)
     found = json.loads(nearlift("ingest", raw, "--out", raw.parent, "--json").stdout)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -14,17 +15,10 @@ from nearlift.errors import InputRefused
 from nearlift.readers import table
 
 
-@pytest.mark.parametrize(
-    ("line", "remedy"),
-    [
-        ("STOP", 'dialect = { ignore = ["STOP"] }'),
-        ("T: 0.01 \t C: 0.65 \t V: 1.48", "dialect = { labels = true }"),
-        ("1.5", "no cell may be left out"),
-        ("volts,amps,rpm", "save each table as a file of its own"),
-    ],
-)
-def test_a_line_of_another_kind_is_refused_with_what_would_read_it(line: str, remedy: str) -> None:
-    with pytest.raises(InputRefused, match=re.escape(remedy)):
+@pytest.mark.parametrize("line", ["STOP", "T: 0.01 \t C: 0.65 \t V: 1.48", "volts,amps,rpm"])
+def test_a_line_of_another_kind_is_refused_with_what_would_leave_it_out(line: str) -> None:
+    begin = re.escape(json.dumps(line))
+    with pytest.raises(InputRefused, match=f"names\n.* ignore = .{begin}.*own$"):
         table.Layout(names=("a", "b")).row(line, "f, line 3")
 
 

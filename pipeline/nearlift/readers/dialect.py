@@ -10,21 +10,23 @@ under ``[records] dialect``.
 from __future__ import annotations
 
 import codecs
+import contextlib
 import csv
 import itertools
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.base import RecordsDialect, split_unit, unit_word
-from nearlift.readers.table import SEPARATORS, SPOKEN, Layout
+from nearlift.readers.table import BLANKS, NONE, SEPARATORS, SPOKEN, Layout
 from nearlift.units import NUMBER
 
 #: Lines in which two dialects must read the same numbers, or the file is ambiguous.
 READ = 20
+#: Rows of numbers that settle a dialect, though a later line breaks it.
+ROWS = 3
 #: Lines of a refusal that goes before all others.
 FARTHEST = 1 << 30
 OPTIONS = {
@@ -37,7 +39,6 @@ OPTIONS = {
     "units": list,
     "ignore": list,
     "labels": bool,
-    "lines": int,
 }
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _MARKS = {
@@ -56,7 +57,7 @@ class Dialect:
 
     `columns` and `units` name the cells of a file without a header. `skip` counts the lines above
     the header, or the first row. `ignore` lists whole lines that are no rows; ``*`` matches
-    anything. `labels`: cells are ``name: number``. `lines` of one number each make a row.
+    anything. `labels`: cells are ``name: number``.
     """
 
     encoding: str = ""
@@ -68,58 +69,46 @@ class Dialect:
     units: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
     labels: bool = False
-    lines: int = 1
 
 
 UNSTATED = Dialect()
 
 
 def given(stated: RecordsDialect) -> Dialect:
-    """The manifest's dialect as the sniffer takes it.
-
-    Raises
-    ------
-    ManifestError
-        A list holds more than texts, units are not as many as columns, a sign cannot be one, or
-        `skip` is negative.
-    """
-    options: dict[str, Any] = {}
-    for key in OPTIONS.keys() & stated.keys():
-        value = stated[key]
-        options[key] = tuple(value) if isinstance(value, list) else value
-        if isinstance(value, list) and not all(isinstance(item, str) for item in value):
-            raise _refusal(key, f"{value!r} holds more than texts", 'write it as ["force", "t"]')
+    """The manifest's dialect as the sniffer takes it; `ManifestError` of a value that cannot be."""
+    options: dict[str, Any] = {
+        key: tuple(stated[key]) if isinstance(stated[key], list) else stated[key]  # type: ignore[arg-type]
+        for key in OPTIONS.keys() & stated.keys()
+    }
     said = Dialect(**options)
-    columns, units = len(said.columns), len(said.units)
-    if units not in (0, columns):
-        what = f"names {units} units for {columns} columns"
-        raise _refusal("units", what, 'one for each; "" for none')
-    if said.decimal not in ("", ".", ","):
-        what = f"{said.decimal!r} is no decimal sign"
-        raise _refusal("decimal", what, 'write "." or ","')
-    if len(said.thousands) > 1 or said.thousands.isalnum() or said.thousands in ("+", "-"):
-        what = f"{said.thousands!r} is no sign between thousands"
-        raise _refusal("thousands", what, 'write ",", ".", "\'" or " "')
-    if said.thousands and said.thousands == said.decimal:
-        what = f"{said.thousands!r} is the decimal sign as well"
-        raise _refusal("thousands", what, "state another decimal sign")
-    if said.lines not in (1, columns):
-        remedy = 'a number to a line, one name for each: columns = ["force", "millis"], lines = 2'
-        what = f"says {said.lines} lines to a row, and columns names {columns}"
-        raise _refusal("lines", what, remedy)
-    if said.skip < 0:
-        remedy = "it counts the lines above the columns' names"
-        raise _refusal("skip", f"{said.skip} is negative", remedy)
     try:
         codecs.lookup(said.encoding or "utf-8")
+        encoded = True
     except LookupError:
-        what = f"{said.encoding!r} is no encoding"
-        raise _refusal("encoding", what, 'such as "utf-8", "utf-16" or "latin-1"') from None
+        encoded = False
+    lists = {key: getattr(said, key) for key in ("columns", "units", "ignore")}
+    sign = said.thousands
+    wrong_sign = len(sign) > 1 or sign.isalnum() or sign in ("+", "-")
+    for key, wrong, what in (
+        *(
+            (key, not all(isinstance(item, str) for item in value), "holds more than texts")
+            for key, value in lists.items()
+        ),
+        (
+            "units",
+            said.units and len(said.units) != len(said.columns),
+            "has not one for each column",
+        ),
+        ("decimal", said.decimal not in ("", ".", ","), 'is neither "." nor ","'),
+        ("thousands", wrong_sign, 'is no sign between thousands, as ",", "." or "\'"'),
+        ("thousands", sign and sign == said.decimal, "is the decimal sign as well"),
+        ("skip", said.skip < 0, "is negative"),
+        ("encoding", not encoded, 'is no encoding, as "utf-8", "utf-16" or "latin-1"'),
+    ):
+        if wrong:
+            value = f"{stated[key]!r} {what}"
+            raise ManifestError(f"records.dialect.{key}", value, "see docs/formats.md")
     return said
-
-
-def _refusal(key: str, what: str, remedy: str) -> ManifestError:
-    return ManifestError(f"records.dialect.{key}", what, remedy)
 
 
 def encoding_of(head: bytes, where: str) -> str:
@@ -195,12 +184,15 @@ def sniff(lines: Sequence[str], where: str, said: Dialect = UNSTATED) -> Layout:
                 fits.append(_fitted(lines, where, signs, said, strict=strict))
             except _Unfit as unfit:
                 failed.append(unfit)
-        if fits:
+        deepest = max(failed, key=lambda unfit: unfit.lines, default=None)
+        if fits or (deepest is not None and ROWS <= deepest.lines < FARTHEST):
+            # after so many rows a bad line is one, and no sign of another dialect
             break
-    else:
-        raise max(failed, key=lambda unfit: unfit.lines).refusal
+    if not fits:
+        assert deepest is not None
+        raise deepest.refusal
     # cut alike, numbers such as 0,5 go before texts
-    fits = [
+    best = [
         (layout, reading)
         for layout, reading in fits
         if not any(
@@ -208,21 +200,18 @@ def sniff(lines: Sequence[str], where: str, said: Dialect = UNSTATED) -> Layout:
             for other, _ in fits
         )
     ]
-    if len({reading for _, reading in fits}) > 1:
+    if len({reading for _, reading in best}) > 1:
         ways = " or ".join(
-            f"{SPOKEN[layout.separator]} with decimal"
-            f" {'point' if layout.decimal == '.' else 'comma'}"
-            for layout, _ in fits[:2]
+            f"{SPOKEN[a.separator]} with decimal {'point' if a.decimal == '.' else 'comma'}"
+            for a, _ in best[:2]
         )
         raise InputRefused(
             where,
             f"can be read in two ways: separated by {ways}",
             'say which: dialect = { separator = "...", decimal = "..." } under [records]',
         )
-    layout = fits[0][0]
-    if layout.decimal == "," and not said.decimal and not said.thousands:
-        _refuse_thousands(layout, lines, where)
-    return layout
+    refuse_thousands(best[0][0], lines, where, said)
+    return best[0][0]
 
 
 def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
@@ -235,27 +224,29 @@ def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
     return [
         Layout(thousands=said.thousands, separator=separator, decimal=decimal)
         for separator, decimal in itertools.product(separators, said.decimal or (".", ","))
-        if separator != decimal != said.thousands and not said.thousands == separator == " "
+        if separator != decimal != said.thousands and not said.thousands == separator == BLANKS
     ]
 
 
-def _refuse_thousands(layout: Layout, lines: Sequence[str], where: str) -> None:
+def refuse_thousands(layout: Layout, lines: Sequence[str], where: str, said: Dialect) -> None:
     """Refuse decimal commas that may part thousands: 1,234 everywhere, and never 0,5 or 12,34."""
+    if layout.decimal == "." or said.decimal or said.thousands:
+        return
     rows = (cell for line in lines[layout.first - 1 :] for cell in _cut(line, layout))
-    cells = [cell for cell in rows if "," in cell]
-    if cells and all(_THOUSANDS.fullmatch(cell) for cell in cells):
+    cells = (cell for cell in rows if "," in cell)
+    cell = next(cells, "")
+    if _THOUSANDS.fullmatch(cell) and all(map(_THOUSANDS.fullmatch, cells)):
         raise InputRefused(
             f"{where}, line {layout.first}",
-            f"{cells[0]!r} may be {cells[0].replace(',', '.')} or {cells[0].replace(',', '')}",
+            f"{cell!r} may be {cell.replace(',', '.')} or {cell.replace(',', '')}",
             'say which: dialect = { decimal = "," } under [records], or { thousands = "," }',
         )
 
 
 def _cut(line: str, signs: Layout) -> list[str]:
-    try:
+    with contextlib.suppress(csv.Error):
         return signs.split(line)
-    except csv.Error:
-        return [line]
+    return [line]
 
 
 def _fitted(
@@ -269,17 +260,29 @@ def _fitted(
     row = _cut(lines[start], signs)
     names, units, top = _header(lines, where, signs, said, start, row)
     trailing = 1 < len(row) == len(names) + 1 and row[-1] == "" and signs.separator.strip() != ""
-    _check_names(names, len(row) - trailing, f"{where}, line {start + 1}", signs, said, trailing)
-    _refuse_repeated(names, f"{where}, line {top + 1}")
+    at = f"{where}, line {start + 1}"
+    if len(names) != len(row) - trailing:
+        what = f"has {len(row) - trailing} cells under {len(names)} column names"
+        remedy = "a decimal comma makes two cells of one; save it with points, or with semicolons"
+        raise _unfit(0, at, what, f"{remedy} between cells")
+    # a separator that cuts nothing, and one that is there and does not cut
+    bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
+    uncut = signs.separator and len(names) < 2 and not (trailing or said.separator)
+    if uncut or (signs.separator == NONE and not said.columns and re.search(r"[,;\t|]", bare)):
+        raise _unfit(-2, where, "is one column" if uncut else "is not one column")
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise _unfit(
+            FARTHEST,
+            f"{where}, line {top + 1}",
+            f"has more than one column {twice[0]!r}",
+            "rename or drop one of them, or name all: dialect = { columns = [...] } under"
+            " [records]; several tables go into files of their own",
+        )
     texts = tuple(i for i in range(len(names)) if signs.value(row[i]) is None)
     if texts and row[texts[0]].endswith(":"):
-        raise _unfit(
-            len(lines),
-            f"{where}, line {start + 1}",
-            f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}",
-            "such cells are read by dialect = { labels = true } under [records], where every line"
-            " has the same",
-        )
+        what = f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}"
+        remedy = "dialect = { labels = true } under [records], where every line has the same"
+        raise _unfit(len(lines), at, what, f"such cells are read by {remedy}")
     layout = replace(
         signs,
         trailing=trailing,
@@ -290,15 +293,15 @@ def _fitted(
         texts=texts,
     )
     read: list[tuple[float, ...]] = []
-    for at, line in enumerate(lines[start:], start):
+    for i, line in enumerate(lines[start:], start):
         if not line.strip():
             continue
-        place = f"{where}, line {at + 1}"
+        at = f"{where}, line {i + 1}"
         try:
-            cells = layout.row(line, place)
-            values = [layout.number(cells[i], place, names[i]) for i in layout.numeric]
+            cells = layout.row(line, at)
+            values = [layout.number(cells[k], at, names[k]) for k in layout.numeric]
         except InputRefused as refusal:
-            raise _Unfit(at - start, refusal) from None
+            raise _Unfit(i - start, refusal) from None
         if len(read) < READ:
             read.append(tuple(0.5 if value != value else value for value in values))
     return layout, (names, tuple(read))
@@ -328,33 +331,29 @@ def _header(
     if said.columns:
         return said.columns, said.units or ("",) * len(said.columns), start
     above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:2]
-    heads = [_names(lines[i], signs, len(row)) for i in above]
-    if len(heads) > 1 and heads[1]:
+    lower, upper = ([_names(lines[i], signs, len(row)) for i in above] + [(), ()])[:2]
+    if upper:
         # a row of units below that of names
-        units = [_unit(cell) for cell in _cut(lines[above[0]], signs)][: len(heads[1])]
-        if len(units) == len(heads[1]) and None not in units and any(units):
-            return heads[1], tuple(unit or "" for unit in units), above[1]
-    if len(heads) > 1 and heads[0]:
-        # names over several columns, and their parts below
-        upper = _cut(lines[above[1]], signs)
-        if len(upper) == len(heads[0]) > sum(map(bool, upper)) > 1 and upper[0]:
-            wide = list(upper)
-            for k in range(1, len(wide)):
-                wide[k] = wide[k] or wide[k - 1]
-            names = tuple(f"{a} {b}" for a, b in zip(wide, heads[0], strict=True))
-            return names, tuple(split_unit(name)[1] for name in names), above[1]
-    if not heads or not heads[0]:
-        raise _Unfit(
-            1,
-            NoNames(
-                f"{where}, line {start + 1}",
-                f"has no columns' names above its rows of {len(row)} cell{'s' * (len(row) > 1)}",
-                f'name them: dialect = {{ columns = ["force"{", ..." * (len(row) > 1)}] }} under'
-                " [records]",
-                len(row),
-            ),
+        units = [_unit(cell) for cell in _cut(lines[above[0]], signs)][: len(upper)]
+        if len(units) == len(upper) and None not in units and any(units):
+            return upper, tuple(unit or "" for unit in units), above[1]
+    if not lower:
+        cells = f"{len(row)} cell{'s' * (len(row) > 1)}"
+        columns = f'["force"{", ..." * (len(row) > 1)}]'
+        refusal = NoNames(
+            f"{where}, line {start + 1}",
+            f"has no columns' names above its rows of {cells}",
+            f"name them: dialect = {{ columns = {columns} }} under [records]",
+            len(row),
         )
-    return heads[0], tuple(split_unit(name)[1] for name in heads[0]), above[0]
+        raise _Unfit(1, refusal)
+    wide = _cut(lines[above[1]], signs) if len(above) > 1 else []
+    if len(wide) == len(lower) > sum(map(bool, wide)) > 1 and wide[0]:
+        # names over several columns, and their parts below
+        whole = [next(filter(None, wide[k::-1])) for k in range(len(wide))]
+        lower = tuple(f"{name} {part}" for name, part in zip(whole, lower, strict=True))
+        above = above[1:]
+    return lower, tuple(split_unit(name)[1] for name in lower), above[0]
 
 
 def _unit(cell: str) -> str | None:
@@ -371,39 +370,3 @@ def _names(line: str, signs: Layout, columns: int) -> tuple[str, ...]:
         return ()
     several = signs.separator.strip() and len(row) > 1
     return tuple(row) if several or len(row) in (columns, columns - 1) else ()
-
-
-def _check_names(
-    names: Sequence[str], cells: int, at: str, signs: Layout, said: Dialect, trailing: bool
-) -> None:
-    """Raise `_Unfit` where the names are not those of so many cells."""
-    if len(names) != cells:
-        raise _unfit(
-            0,
-            at,
-            f"has {cells} cells under {len(names)} column names",
-            "a decimal comma makes two cells of one where commas part cells; save it with"
-            " decimal points, or parted by semicolons",
-        )
-    where = at.rpartition(", line ")[0]
-    if signs.separator and len(names) < 2 and not (trailing or said.separator):
-        raise _unfit(-2, where, "is one column")
-    bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
-    if not (signs.separator or said.columns) and re.search(r"[,;\t|]", bare):
-        raise _unfit(-2, where, "is not one column")
-
-
-def _refuse_repeated(names: Sequence[str], at: str) -> None:
-    """Raise `_Unfit` where two columns have one name."""
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice and re.search(r"\w", twice[0]):
-        what = f"has more than one column {twice[0]!r}"
-        raise _unfit(FARTHEST, at, what, "rename or drop one of them")
-    if twice:
-        raise _unfit(
-            FARTHEST,
-            at,
-            f"holds {twice[0]!r} where the columns' names should be",
-            "name them: dialect = { columns = [...] } under [records]; if the file holds"
-            " several tables, save each as a file of its own",
-        )

@@ -8,13 +8,13 @@ clock, that is ``NAME.X_Value``.
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.base import (
     Channel,
@@ -28,203 +28,167 @@ from nearlift.readers.base import (
 )
 from nearlift.readers.dialect import encoding_of
 from nearlift.readers.files import content_of
-from nearlift.readers.table import Layout, refuse_nul
+from nearlift.readers.table import Layout, Lines, parse
 
 FIRST = "LabVIEW Measurement"
 END = "***End_of_Header***"
 CLOCK, COMMENT = "X_Value", "Comment"
 #: Bytes that show the encoding.
 HEAD = 1 << 16
-#: Lines within which the file's header ends.
-LONGEST_HEADER = 200
 
-#: The cells behind the keys of a segment's header.
+#: The cells behind the keys of a header.
 Header = Mapping[str, Sequence[str]]
 
 
 @dataclass(kw_only=True)
 class _Series:
-    """One channel as it grows, over all segments."""
+    """One channel: unit, step of its clock as stated, values and clock of each segment."""
 
     unit: str = ""
     step_s: float | None = None
-    values: array[float] = field(default_factory=lambda: array("d"))
-    clock: array[float] = field(default_factory=lambda: array("d"))
+    values: list[FloatArray] = field(default_factory=list)
+    clock: list[FloatArray] = field(default_factory=list)
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of an LVM file; `InputRefused` of another file, or of a bad line."""
-    content = content_of(path)
+    content, where = content_of(path), str(path)
     head = content[:HEAD]
     if not head.strip(b"\0"):
         return Contents(kind="LVM", codes=("EMPTY",))
-    if not head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()):
+    if not _is_lvm(head):
         raise InputRefused(
-            f"{path}, line 1",
+            f"{where}, line 1",
             f"is not {FIRST!r}: this is no LVM file",
             "`nearlift inspect FILE` says what it is",
         )
-    encoding = encoding_of(head, str(path))
+    encoding = encoding_of(head, where)
     try:
-        text = content.decode(encoding)
+        *lines, rest = content.decode(encoding).split("\n")
     except UnicodeDecodeError:
-        raise InputRefused(
-            str(path),
-            f"is not {encoding} text throughout",
-            "the file is damaged; copy it again from the rig",
-        ) from None
-    log = _Log(str(path), text)
-    channels, notes = log.channels()
-    chosen = tuple(c for c in channels if wanted(c.name, names))
+        remedy = "the file is damaged; copy it again from the rig"
+        raise InputRefused(where, f"is not {encoding} text throughout", remedy) from None
+    special = False
+    for i, line in enumerate(lines):
+        lines[i] = line.rstrip("\r")
+        if special or line.startswith("***Start_Special***"):
+            special, lines[i] = not line.startswith("***End_Special***"), ""
+    # a number may be cut within its digits
+    cut = bool(rest.strip(" \t\r"))
+    about, at = _header(lines, 0, "\t" if "\t" in "".join(lines[:5]) else ",", where)
+    separator = "," if _at(about, "Separator", 0).casefold() == "comma" else "\t"
+    series: dict[str, _Series] = {}
+    starts = [i for i in range(at, len(lines)) if lines[i].startswith(f"Channels{separator}")]
+    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+        cut |= _read_segment(lines[:end], start, separator, about, series, where)
+    several = _at(about, "X_Columns", 0).casefold() == "multi"
+    channels, notes = _channels(series, several)
+    chosen = [c for c in channels if wanted(c.name, names)]
     return Contents(
-        channels=chosen or tuple(channels),
+        channels=tuple(chosen or channels),
         kind="LVM",
-        codes=("truncated",) * log.cut + ("NO_DATA",) * (not channels),
+        codes=("truncated",) * (cut or not starts) + ("NO_DATA",) * (not channels),
         notes=tuple(dict.fromkeys(notes)),
     )
 
 
-def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Whole lines with their numbers, from 1; special blocks are left out."""
-    special = False
-    for at, line in enumerate(text.split("\n")[:-1], start=1):
-        if special or line.startswith("***Start_Special***"):
-            special = not line.startswith("***End_Special***")
-        else:
-            yield at, line.rstrip("\r")
+def _refusal(where: str, at: int, what: str) -> InputRefused:
+    remedy = "the file is damaged, or of a dialect not known: export it again from LabVIEW"
+    return InputRefused(f"{where}, line {at + 1}", what, remedy)
 
 
-class _Log:
-    """The series of a file, and whether it was `cut` off."""
+def _header(lines: Sequence[str], at: int, separator: str, where: str) -> tuple[Header, int]:
+    """A header's keys, and the index of the line behind its end."""
+    header: dict[str, list[str]] = {}
+    for i in range(at, len(lines)):
+        if lines[i].startswith(END):
+            return header, i + 1
+        key, *values = lines[i].split(separator)
+        header[key.strip()] = values
+    return header, len(lines)
 
-    def __init__(self, where: str, text: str) -> None:
-        self.where = where
-        self.about: dict[str, str] = {}
-        self.series: dict[str, _Series] = {}
-        # a number may be cut within its digits
-        self.cut = bool(text[text.rfind("\n") + 1 :].strip(" \t\r"))
-        self.separator, self.layout = "\t", Layout()
-        lines = _lines(text)
-        if self._file_header(lines):
-            self._segments(lines)
 
-    def refuse(self, at: int, what: str) -> InputRefused:
-        return InputRefused(
-            f"{self.where}, line {at}",
-            what,
-            "the file is damaged, or of a dialect not known: export it again from LabVIEW",
-        )
-
-    def _file_header(self, lines: Iterator[tuple[int, str]]) -> bool:
-        """Whether the header has an end."""
-        for at, line in lines:
-            if line.startswith(END):
-                break
-            key, _, value = line.partition("\t" if "\t" in line else ",")
-            if at > LONGEST_HEADER:
-                raise self.refuse(at, f"has no {END} in its first {LONGEST_HEADER} lines")
-            self.about[key.strip()] = value.strip()
-        else:
-            self.cut = True
-            return False
-        self.separator = "," if self.about.get("Separator", "").casefold() == "comma" else "\t"
-        if (stated := self.about.get("Decimal_Separator", "")) not in ("", ".", ","):
-            raise self.refuse(1, f"states the decimal separator {stated!r}")
+def _read_segment(
+    lines: Sequence[str],
+    start: int,
+    separator: str,
+    about: Header,
+    series: dict[str, _Series],
+    where: str,
+) -> bool:
+    """Append the segment that begins at `start`; whether it has fewer rows than it promises."""
+    header, at = _header(lines, start, separator, where)
+    at = next((i for i in range(at, len(lines)) if lines[i].strip()), len(lines))
+    if at == len(lines):
         return True
+    columns = [name.strip() for name in lines[at].rstrip(f"{separator} ").split(separator)]
+    if columns[0] != CLOCK:
+        what = f"names the columns {lines[at].strip()[:80]!r}; the first should be {CLOCK}"
+        raise _refusal(where, at, what)
+    names = [name for name in columns if name not in (CLOCK, COMMENT)]
+    if len(set(names)) != len(names) or "" in names:
+        raise _refusal(where, at, "names two columns alike, or one not at all")
+    numbers = "".join(c for key in ("X0", "Delta_X") for c in header.get(key, ()))
+    usual = "," if "," in numbers and "." not in numbers else "."
+    decimal = _at(about, "Decimal_Separator", 0) or usual
+    if decimal not in (".", ","):
+        raise _refusal(where, 0, f"states the decimal separator {decimal!r}")
+    # comments are not read, and may be missing
+    count = len(columns) - (columns[-1] == COMMENT)
+    rows = []
+    for i in range(at + 1, len(lines)):
+        cells = lines[i].split(separator) if lines[i].strip(" \t,") else []
+        if cells and (len(cells) < count or any(c.strip() for c in cells[len(columns) :])):
+            raise _refusal(where, i, f"has {len(cells)} cells under {len(columns)} columns")
+        rows.append(separator.join(cells[:count]))
+    layout = Layout(separator=separator, decimal=decimal, names=tuple(columns[:count]))
+    body = "".join(f"{row}\n" for row in rows).encode()
+    read, _ = parse(Lines(body=body, where=where, line=at + 2), layout, range(count))
+    several = columns.count(CLOCK) > 1
+    clock = read[0]
+    for i, name in enumerate(columns[:count]):
+        if name == CLOCK:
+            clock = read[i]
+            continue
+        # each channel has a clock before it and its own end, or all have one
+        place = i - 1 if several else names.index(name)
+        kept = np.isfinite(read[i]) | np.isfinite(clock) if several else slice(None)
+        one = series.setdefault(name, _Series())
+        unit = _at(header, "Y_Unit_Label", place)
+        one.unit, one.step_s = unit_word(unit) or unit, layout.value(_at(header, "Delta_X", place))
+        one.values.append(read[i][kept])
+        one.clock.append(clock[kept])
+    stated = map(Layout().value, header.get("Samples", ()))
+    promised = int(max((v for v in stated if v is not None and v >= 1), default=1))
+    lasting = sum(map(bool, rows))
+    # under one heading, a multiple of them
+    several_headings = (_at(about, "Multi_Headings", 0) or "No").casefold() != "no"
+    return lasting < promised or (not several_headings and lasting % promised > 0)
 
-    def _segments(self, lines: Iterator[tuple[int, str]]) -> None:
-        header: dict[str, list[str]] = {}
-        columns: list[str] = []
-        ended, rows = False, 0
-        for at, line in lines:
-            if columns and line.startswith("Channels" + self.separator):
-                self._count(header, rows)
-                header, columns, ended, rows = {}, [], False, 0
-            if not ended and line.startswith(END):
-                ended = True
-            elif columns and line.strip(" \t,"):
-                self._row(at, line, columns)
-                rows += 1
-            elif line.strip() and ended and not columns:
-                columns = self._columns(at, line, header)
-            elif line.strip() and not ended:
-                key, *values = line.split(self.separator)
-                header[key.strip()] = values
-        if columns:
-            self._count(header, rows)
 
-    def _columns(self, at: int, line: str, header: Header) -> list[str]:
-        columns = [name.strip() for name in line.split(self.separator)]
-        while columns and not columns[-1]:
-            columns.pop()
-        if not columns or columns[0] != CLOCK:
-            named = line.strip()[:80]
-            raise self.refuse(at, f"names the columns {named!r}; the first should be {CLOCK}")
-        names = [name for name in columns if name not in (CLOCK, COMMENT)]
-        if len(set(names)) != len(names) or "" in names:
-            raise self.refuse(at, "names two columns alike, or one not at all")
-        if not self.series:
-            numbers = "".join(c for key in ("X0", "Delta_X") for c in header.get(key, ()))
-            usual = "," if "," in numbers and "." not in numbers else "."
-            self.layout = Layout(decimal=self.about.get("Decimal_Separator") or usual)
-        for i, name in enumerate(names):
-            series = self.series.setdefault(name, _Series())
-            # each channel has a clock before it, or all have one
-            place = columns.index(name) - 1 if columns.count(CLOCK) > 1 else i
-            unit = _at(header, "Y_Unit_Label", place)
-            series.unit = unit_word(unit) or unit
-            series.step_s = self.layout.value(_at(header, "Delta_X", place))
-        return columns
-
-    def _row(self, at: int, line: str, columns: Sequence[str]) -> None:
-        cells = [cell.strip() for cell in line.split(self.separator)]
-        place = f"{self.where}, line {at}"
-        refuse_nul(line, place)
-        if len(cells) < len(columns) - (columns[-1] == COMMENT) or any(cells[len(columns) :]):
-            raise self.refuse(at, f"has {len(cells)} cells under {len(columns)} columns")
-        clock = np.nan
-        several_clocks = columns.count(CLOCK) > 1
-        for name, cell in zip(columns, cells, strict=False):
-            if name == CLOCK:
-                clock = self.layout.number(cell, place, CLOCK)
-            # channels with clocks of their own end at different rows
-            elif name != COMMENT and not (several_clocks and not cell and np.isnan(clock)):
-                self.series[name].values.append(self.layout.number(cell, place, name))
-                self.series[name].clock.append(clock)
-
-    def _count(self, header: Header, rows: int) -> None:
-        """Whether a segment has its header's samples; under one heading, a multiple of them."""
-        stated = map(Layout().value, header.get("Samples", ()))
-        promised = [value for value in stated if value is not None and value >= 1]
-        if promised:
-            usual = int(max(promised))
-            several = self.about.get("Multi_Headings", "No").casefold() == "no"
-            self.cut |= rows < usual or (several and rows % usual > 0)
-
-    def channels(self) -> tuple[list[Channel], list[str]]:
-        """The series, each with its rate, and the clocks; remarks on rates that are not so."""
-        channels: list[Channel] = []
-        notes: list[str] = []
-        one = self.about.get("X_Columns", "One").casefold() != "multi"
-        for i, (name, series) in enumerate(self.series.items()):
-            clock = np.array(series.clock)
-            rate = 1 / series.step_s if series.step_s else None
-            if len(clock) > 2 and np.isfinite(clock).all():
-                measured = rate_of(clock)
-                if measured is None or rate is None or abs(measured / rate - 1) > 0.01:
-                    remark = (
-                        f"the header says {rate:.6g} Hz, X_Value {measured:.6g} Hz"
-                        if rate and measured
-                        else "X_Value has no steady rate that the header knows of"
-                    )
-                    notes.append(f"{remark}: the column is believed")
-                    rate = measured
-                if not one or i == 0:
-                    called = CLOCK if one else f"{name}.{CLOCK}"
-                    channels.append(Channel(name=called, unit="s", rate_Hz=rate, values=clock))
-            values = np.array(series.values)
-            channels.append(Channel(name=name, unit=series.unit, rate_Hz=rate, values=values))
-        return channels, notes
+def _channels(series: Mapping[str, _Series], several: bool) -> tuple[list[Channel], list[str]]:
+    """The series, each with its rate, and the clocks; remarks on rates that are not so."""
+    channels: list[Channel] = []
+    notes: list[str] = []
+    for i, (name, one) in enumerate(series.items()):
+        clock = np.concatenate(one.clock)
+        rate = 1 / one.step_s if one.step_s else None
+        if len(clock) > 2 and np.isfinite(clock).all():
+            measured = rate_of(clock)
+            if measured is None or rate is None or abs(measured / rate - 1) > 0.01:
+                remark = (
+                    f"the header says {rate:.6g} Hz, X_Value {measured:.6g} Hz"
+                    if rate and measured
+                    else "X_Value has no steady rate that the header knows of"
+                )
+                notes.append(f"{remark}: the column is believed")
+                rate = measured
+            if several or i == 0:
+                called = f"{name}.{CLOCK}" if several else CLOCK
+                channels.append(Channel(name=called, unit="s", rate_Hz=rate, values=clock))
+        values = np.concatenate(one.values)
+        channels.append(Channel(name=name, unit=one.unit, rate_Hz=rate, values=values))
+    return channels, notes
 
 
 def _at(header: Header, key: str, i: int) -> str:
@@ -232,9 +196,13 @@ def _at(header: Header, key: str, i: int) -> str:
     return values[i].strip() if 0 <= i < len(values) else ""
 
 
+def _is_lvm(head: bytes, name: str = "") -> bool:
+    return head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode())
+
+
 READER = Reader(
     name="lvm",
     title="LabVIEW measurement text (LVM), one file per trial",
-    recognises=lambda head, name: head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()),
+    recognises=_is_lvm,
     contents=contents,
 )

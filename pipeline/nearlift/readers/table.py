@@ -15,7 +15,6 @@ import re
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,6 +36,7 @@ SEPARATORS = {
 }
 #: Separators in a sentence.
 SPOKEN = {sign: f"{name}s" for name, sign in SEPARATORS.items()} | {NONE: "line ends"}
+ENCODINGS = {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}
 #: Words of loggers for "no number", in lower case.
 NO_NUMBER = re.compile(
     r"(?:[-+]?(?:nan|inf)|over|ovf?l|o\.?l|#nv|#?n/a|na|null|-?1\.#(?:inf|qnan|ind))?"
@@ -51,7 +51,7 @@ _WORDS = [
     for spelling in (word, word.upper(), word.capitalize())
 ]
 #: Whole part in groups of three digits, with `_` between them, and the rest of the number.
-GROUPED = re.compile(r"([-+]?\d{1,3}(?:_\d{3})+)((?:[.eE].*)?)")
+GROUPED = re.compile(r"([-+]?\d{1,3}(?:_\d{3})+)((?:[.e].*)?)")
 CORRECT_LINE = "correct the line, or take the trial out of the schedule"
 
 
@@ -110,103 +110,65 @@ class Layout:
 
     def value(self, cell: str) -> float | None:
         """The number of a cell; NaN for a word that means "no number", None where it is neither."""
-        plain = cell.strip()
-        if NO_NUMBER.fullmatch(plain.lower()):
+        plain = cell.strip().lower()
+        if NO_NUMBER.fullmatch(plain):
             return math.nan
-        if self.thousands in plain and self.thousands and "_" not in plain:
+        if self.thousands and "_" not in plain:
             point = plain.replace(self.thousands, "_").replace(self.decimal, ".")
             if groups := GROUPED.fullmatch(point):
                 plain = groups[1].replace("_", "") + groups[2].replace(".", self.decimal)
         if self.decimal == ",":
             # a point would part thousands, or belong to another dialect: neither is a number here
-            if "." in plain or plain.count(",") > 1:
-                return None
-            plain = plain.replace(",", ".")
-            if NO_NUMBER.fullmatch(plain.lower()):
-                return math.nan
+            plain = "?" if "." in plain else plain.replace(",", ".")
         if not NUMBER.fullmatch(plain):
-            return None
+            return math.nan if NO_NUMBER.fullmatch(plain) else None
         value = float(plain)
         return value if math.isfinite(value) else math.nan
 
     def number(self, cell: str, at: str, column: str) -> float:
         """The number of a cell, NaN for "no number"; `InputRefused` of anything else."""
         value = self.value(cell)
-        if value is not None:
-            return value
-        remedy = f"every cell must be a number; {CORRECT_LINE}"
-        if re.fullmatch(r"[-+]?\d+[.,]\d+", cell):
-            remedy = f"write decimals with a {'point' if self.decimal == '.' else 'comma'}"
-        elif groups := re.fullmatch(r"[-+]?\d{1,3}([,.' ])\d{3}(\1\d{3})*([.,]\d*)?", cell):
-            remedy = (
-                f'if {groups[1]!r} parts thousands: reader = "text" with dialect = {{ thousands ='
-                f' "{groups[1]}" }} under [records]'
+        if value is None:
+            raise InputRefused(
+                at,
+                f"{cell!r} in column {column!r} is not a number",
+                f'{CORRECT_LINE}; other signs: reader = "text" with dialect = {{ decimal ='
+                ' "...", thousands = "..." } under [records]',
             )
-        raise InputRefused(at, f"{cell!r} in column {column!r} is not a number", remedy)
+        return value
 
     def row(self, line: str, at: str) -> list[str]:
-        """The cells of one line, one for each column.
-
-        `InputRefused` where they are too few or too many, or a header again, of this table or of
-        another. `InputRefused` also where the line holds NUL bytes.
-        """
-        refuse_nul(line, at)
-        names = list(self.names)
+        """The cells of one line, one for each column; `InputRefused` of any other line."""
+        if "\0" in line:
+            # a power cut leaves them behind
+            remedy = "the file is damaged; copy it again, or take the trial out of the schedule"
+            raise InputRefused(at, "holds NUL bytes", remedy)
         try:
             row = self.split(line)
         except csv.Error as fault:
             raise InputRefused(at, f"is not a row of cells: {fault}", CORRECT_LINE) from None
-        if self.trailing and len(row) == len(names) + 1 and not row[-1]:
+        if self.trailing and len(row) == len(self.names) + 1 and not row[-1]:
             row = row[:-1]
-        if row == names:
+        if row == list(self.names):
             what = "repeats the header: two records are in one file"
             raise InputRefused(at, what, "give each trial a file of its own")
-        if len(row) == len(names) and any(self.value(row[i]) is not None for i in self.numeric):
-            return row
-        if self._is_header(row):
-            quoted = _quoted(line)
+        if len(row) != len(self.names):
+            line_begin = json.dumps(line.strip()[:40], ensure_ascii=False)
             raise InputRefused(
                 at,
-                f"holds words and no number, as the header of another table: {quoted}",
-                "save each table as a file of its own; if the rig writes such lines, reader ="
-                f' "text" with dialect = {{ ignore = [{quoted}] }} under [records]',
+                f"has {len(row)} cells under {len(self.names)} column names",
+                f"{CORRECT_LINE}; lines that the rig writes between rows are left out by reader ="
+                f' "text" with dialect = {{ ignore = [{line_begin}] }} under [records]; a second'
+                " table goes into a file of its own",
             )
-        if len(row) != len(names):
-            what = f"has {len(row)} cells under {len(names)} column names"
-            raise InputRefused(at, what, self._way_out(line))
         return row
 
-    def _is_header(self, row: Sequence[str]) -> bool:
-        """Whether a row may be the header of another table: several words and no number."""
-        return (
-            len(row) > 1
-            and self.separator not in (BLANKS, NONE)
-            and all(re.match(r"[\W_]*[^\W\d_]", cell) for cell in row)
-            and not any(self.value(cell) is not None for cell in row)
-        )
-
-    def _way_out(self, line: str) -> str:
-        """The remedy for a line whose cells are not those of the header."""
-        if len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
-            return (
-                'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true'
-                " } under [records]"
-            )
-        if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
-            return (
-                'if the rig writes such lines, reader = "text" with dialect = { ignore ='
-                f" [{_quoted(line)}] }}; else take the trial out of the schedule"
-            )
-        other = "point" if self.decimal == "." else "comma"
-        return f"decimals need a {other} and no cell may be left out; {CORRECT_LINE}"
-
-    @cached_property
+    @property
     def spoken(self) -> str:
         """The dialect in words; empty for plain CSV."""
         parts = []
         if self.encoding not in ("utf-8", "ascii"):
-            names = {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}
-            parts.append(names.get(self.encoding, self.encoding.upper()))
+            parts.append(ENCODINGS.get(self.encoding, self.encoding.upper()))
         if self.separator not in (",", NONE):
             parts.append(f"separated by {SPOKEN.get(self.separator, repr(self.separator))}")
         if self.decimal == ",":
@@ -219,18 +181,6 @@ class Layout:
             lines = f"{self.preamble} line{'s' * (self.preamble > 1)}"
             parts.append(f"{lines} above the columns' names left out")
         return ", ".join(parts)
-
-
-def _quoted(line: str) -> str:
-    """The begin of a line, in quotes."""
-    return json.dumps(line.strip()[:40], ensure_ascii=False)
-
-
-def refuse_nul(line: str, at: str) -> None:
-    """Refuse a line with NUL bytes, which a power cut leaves behind."""
-    if "\0" in line:
-        remedy = "the file is damaged; copy it again, or take the trial out of the schedule"
-        raise InputRefused(at, "holds NUL bytes", remedy)
 
 
 # ---- columns

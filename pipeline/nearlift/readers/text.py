@@ -23,7 +23,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.base import (
     SECONDS,
@@ -39,23 +38,25 @@ from nearlift.readers.base import (
     split_unit,
 )
 from nearlift.readers.clock import is_time, seconds_of
-from nearlift.readers.dialect import OPTIONS, Dialect, NoRows, encoding_of, given, sniff
+from nearlift.readers.dialect import (
+    OPTIONS,
+    Dialect,
+    NoRows,
+    encoding_of,
+    given,
+    refuse_thousands,
+    sniff,
+)
 from nearlift.readers.files import content_of, is_sheet, sheet_of
 from nearlift.readers.table import CORRECT_LINE, Layout, Lines, parse
 
-#: Bytes that the sniffer sees, and lines of them that it sees first.
-HEAD, SHORT = 1 << 16, 100
-#: Longest line, bytes.
-LONGEST_LINE = 8 << 20
+#: Bytes that the sniffer sees.
+HEAD = 1 << 15
 #: Layouts of earlier files, by the dialect stated and the bytes above the first row.
 _earlier: dict[tuple[Dialect, bytes], Layout] = {}
 MOST_KEPT = 8
-#: Lines from which on a clock is seen among them: noise grows through so many in one of 40,000.
-MIN_CLOCK_ROWS = 8
 #: Names of columns that hold times.
 CALLED_TIME = ("time", "timestamp", "time of day", "datetime", "clock", "zeit", "uhrzeit")
-CLOCKS = ("millis", "micros", "ms", "us", "t", "time", "tick")
-_CORRECT = "correct the file, or take the record out of the schedule"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,14 +72,14 @@ class Plain:
     encoding: str
     cut: bool
 
-    def lines(self, most: int) -> list[str]:
-        """The whole lines within so many bytes."""
-        head = self.body[:most]
+    def lines(self) -> list[str]:
+        """The whole lines that the sniffer sees."""
+        head = self.body[:HEAD]
         return head[: head.rfind(b"\n") + 1].decode("utf-8", "replace").split("\n")[:-1]
 
 
 def plain(content: bytes, where: str, said: Dialect) -> Plain:
-    """A text without its marks of encoding, lines to ignore, labels, and rows over several lines.
+    """A text without its marks of encoding, lines to ignore, and labels.
 
     `InputRefused` where it is no text, or its labels differ.
     """
@@ -97,9 +98,8 @@ def plain(content: bytes, where: str, said: Dialect) -> Plain:
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     body = content[: content.rfind(b"\n") + 1]
-    _refuse_long_lines(content.rstrip(b"\0"), where)
     cut = half or bool(content[len(body) :].strip())
-    if said.ignore or said.labels or said.lines > 1:
+    if said.ignore or said.labels:
         lines = body.decode("utf-8", "replace").split("\n")[:-1]
         forms = [glob.escape(form).replace("[*]", "*") for form in said.ignore]
         for i, line in enumerate(lines):
@@ -107,26 +107,8 @@ def plain(content: bytes, where: str, said: Dialect) -> Plain:
                 lines[i] = ""
         if said.labels:
             lines, said = _without_labels(lines, where, said)
-        if said.lines > 1:
-            full = [i for i, line in enumerate(lines) if line.strip()]
-            cut |= len(full) % said.lines > 0
-            lines = _joined(lines, full, said.lines)
-            said = replace(said, separator="tab")
         body = "".join(f"{line}\n" for line in lines).encode()
     return Plain(body=body, said=said, encoding=encoding, cut=cut)
-
-
-def _refuse_long_lines(body: bytes, where: str) -> None:
-    """Refuse a line that no table has, before it takes memory."""
-    begin = 0
-    while len(body) - begin > LONGEST_LINE:
-        # as many whole lines as fit
-        last = body.rfind(b"\n", begin, begin + LONGEST_LINE + 1)
-        if last < 0:
-            what = f"has a line of more than {LONGEST_LINE >> 20} MB"
-            passed = body.count(b"\n", 0, begin)
-            raise InputRefused(f"{where}, after line {passed}", what, "it is no table, or damaged")
-        begin = last + 1
 
 
 def _without_labels(lines: Sequence[str], where: str, said: Dialect) -> tuple[list[str], Dialect]:
@@ -146,14 +128,6 @@ def _without_labels(lines: Sequence[str], where: str, said: Dialect) -> tuple[li
         rows[i] = "\t".join(pair[0] for pair in pairs)
     separator = "tab" if len(names) > 1 else "none"
     return rows, replace(said, columns=names or said.columns, units=(), separator=separator)
-
-
-def _joined(lines: Sequence[str], full: Sequence[int], k: int) -> list[str]:
-    """Every k of the lines that are `full` as one row, at the place of the first."""
-    rows = [""] * len(lines)
-    for at in range(0, len(full) - len(full) % k, k):
-        rows[full[at]] = "\t".join(lines[i].strip() for i in full[at : at + k])
-    return rows
 
 
 # ---- reading
@@ -199,71 +173,56 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
     if not content[:HEAD].strip(b"\0"):
         return Contents(kind="text", codes=("EMPTY",))
     text = plain(content, where, said)
-    # the clock of such rows shows whether a line is lost
-    names = names if said.lines == 1 else None
-    file = None
-    if (layout := _known(text)) is not None:
+    if (layout := _known(text, where)) is not None:
         # this file may be of another dialect; if not, it is refused again
         with contextlib.suppress(InputRefused):
-            file = by_layout(text, layout, names, where)
-    if file is None:
-        try:
-            file = _sniffed(text, names, where)
-        except NoRows:
-            if text.body.count(b"\n") > 2:
-                raise
-            codes = ("NO_DATA", "truncated") if text.cut else ("NO_DATA",)
-            return Contents(kind="text", codes=codes)
-    if said.lines > 1:
-        _require_growth(file.channels, where)
-        file = replace(file, notes=(*file.notes, f"text read as {said.lines} lines to a row"))
-    return file
-
-
-def _sniffed(text: Plain, names: Names, where: str) -> Contents:
-    """The channels by the layout of the first lines, or of more where these do not show it."""
-    head, first = text.lines(HEAD), None
+            return by_layout(text, layout, names, where)
     try:
-        layout = first = _layout(text, head[: text.said.skip + SHORT], where)
-        file = by_layout(text, layout, names, where)
-    except InputRefused:
-        if len(head) <= text.said.skip + SHORT:
+        layout = _layout(text, where)
+    except NoRows:
+        if text.body.count(b"\n") > 2:
             raise
-        layout = _layout(text, head, where)
-        if first is not None and len(layout.texts) > len(first.texts):
-            # a bad number makes no column of words
-            raise
-        file = by_layout(text, layout, names, where)
-    # decimal commas are judged in each file: they may part thousands
-    above = text.body.split(b"\n", layout.first - 1)
-    if layout.decimal == "." and len(_earlier) < MOST_KEPT:
-        _earlier[text.said, text.body[: len(text.body) - len(above[-1])]] = layout
-    return file
+        return Contents(kind="text", codes=("NO_DATA", *["truncated"] * text.cut))
+    read = by_layout(text, layout, names, where)
+    if len(_earlier) < MOST_KEPT:
+        _earlier[text.said, text.body[: _start(text, layout)]] = layout
+    return read
 
 
-def _layout(text: Plain, lines: Sequence[str], where: str) -> Layout:
-    return replace(sniff(lines, where, text.said), encoding=text.encoding)
+def _layout(text: Plain, where: str) -> Layout:
+    return replace(sniff(text.lines(), where, text.said), encoding=text.encoding)
 
 
-def _known(text: Plain) -> Layout | None:
+def _start(text: Plain, layout: Layout) -> int:
+    """Place of the first row."""
+    start = 0
+    for _ in range(layout.first - 1):
+        start = text.body.find(b"\n", start) + 1 or len(text.body)
+    return start
+
+
+def _known(text: Plain, where: str) -> Layout | None:
     """The layout of an earlier file that began alike, with numbers in the same columns."""
     for (stated, top), layout in list(_earlier.items()):
         if stated == text.said and text.encoding == layout.encoding and text.body.startswith(top):
-            row = text.body[len(top) : len(top) + HEAD].split(b"\n", 1)[0]
-            with contextlib.suppress(csv.Error):
-                cells = layout.split(row.decode("utf-8", "replace"))
-                texts = tuple(i for i, cell in enumerate(cells) if layout.value(cell) is None)
-                if any(cells) and texts == layout.texts:
-                    return layout
+            cells = _cells(text.body[len(top) :], layout)
+            texts = tuple(i for i, cell in enumerate(cells) if layout.value(cell) is None)
+            if any(cells) and texts == layout.texts:
+                refuse_thousands(layout, text.lines(), where, text.said)
+                return layout
     return None
+
+
+def _cells(rows: bytes, layout: Layout) -> list[str]:
+    """The cells of the first line; none where a quote has no other half."""
+    with contextlib.suppress(csv.Error):
+        return layout.split(rows[:HEAD].split(b"\n", 1)[0].decode("utf-8", "replace"))
+    return []
 
 
 def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents:
     """The channels of a text in a known layout."""
-    start = 0
-    for _ in range(layout.first - 1):
-        start = text.body.find(b"\n", start) + 1 or len(text.body)
-    rows = Lines(body=text.body[start:], where=where, line=layout.first)
+    rows = Lines(body=text.body[_start(text, layout) :], where=where, line=layout.first)
     numbers, clocks, notes = _chosen(layout, names, rows)
     arrays, times = parse(rows, layout, numbers, clocks)
     columns = dict(zip(numbers, arrays, strict=True))
@@ -275,12 +234,10 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
             columns[i], units[i] = seconds, "s"
         elif names is not None:
             what = f"has no time of day in column {name!r}, row {bad + 1}"
-            raise InputRefused(where, what, _CORRECT)
+            raise InputRefused(where, what, CORRECT_LINE)
         else:
             is_read = f"not read: row {bad + 1} is none"
         notes.append(f"column {name!r} is a time of day: {is_read}")
-    if len(layout.names) == 1 and numbers:
-        _refuse_clock_between(columns[0], where, layout.first)
     if layout.spoken:
         notes.insert(0, f"text read as {layout.spoken}")
     return Contents(
@@ -297,10 +254,7 @@ def _chosen(layout: Layout, names: Names, rows: Lines) -> tuple[list[int], list[
     """Indices of the columns of numbers to read, and of times of day, by the first row: those that
     `pick` may choose, or all. Notes name the times that cannot be read.
     """
-    row: list[str] = []
-    with contextlib.suppress(csv.Error):
-        top = rows.body[:HEAD].lstrip(b"\n").split(b"\n", 1)[0]
-        row = layout.split(top.decode("utf-8", "replace"))[: len(layout.names)]
+    row = _cells(rows.body.lstrip(b"\n"), layout)[: len(layout.names)]
     texts = [i for i, cell in enumerate(row) if layout.value(cell) is None]
     clocks = [i for i in texts if is_time(row[i])]
     if names is None:
@@ -325,7 +279,7 @@ def _chosen(layout: Layout, names: Names, rows: Lines) -> tuple[list[int], list[
 def cells_of(content: bytes, where: str, dialect: RecordsDialect) -> tuple[Layout, list[list[str]]]:
     """The layout of a text and the cells of its rows; `InputRefused` where no dialect fits."""
     text = plain(content, where, given(dialect))
-    layout = _layout(text, text.lines(HEAD), where)
+    layout = _layout(text, where)
     rows = text.body.decode("utf-8", "replace").split("\n")[layout.first - 1 :]
     kept = [(i, line) for i, line in enumerate(rows, layout.first) if line.strip()]
     return layout, [layout.row(line, f"{where}, line {i}") for i, line in kept]
@@ -345,60 +299,12 @@ def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
 def with_rate(file: Contents) -> Contents:
     """The contents with the rate of the clock: the first channel called time, in s, ms or us."""
     called = ("t", "time", "x_value", "zeit")
-    clocks = [
-        c for c in file.channels if c.unit in SECONDS and split_unit(c.name)[0].casefold() in called
-    ]
-    if not clocks or len(clocks[0].values) < 3:
-        return file
-    rate = rate_of(SECONDS[clocks[0].unit] * clocks[0].values)
-    return replace(file, channels=tuple(replace(c, rate_Hz=rate) for c in file.channels))
-
-
-# ---- a clock between the values
-
-
-def _require_growth(channels: Sequence[Channel], where: str) -> None:
-    """Refuse rows of several lines whose clock does not only grow: a line is lost.
-
-    A clock is known by its name or its first numbers.
-    """
-    for c in channels:
-        shown = len(c.values) > MIN_CLOCK_ROWS and _grows(c.values[:MIN_CLOCK_ROWS])
-        rising = np.diff(c.values) > 0
-        if (c.name.casefold() in CLOCKS or shown) and not rising.all():
-            row = int(np.argmin(rising)) + 1
-            raise InputRefused(
-                f"{where}, row {row + 1}",
-                f"{c.name!r} only grew until there, and is {c.values[row]:g} after"
-                f" {c.values[row - 1]:g}: a line is lost, or the clock was set back",
-                _CORRECT,
-            )
-
-
-def _refuse_clock_between(values: FloatArray, where: str, first: int) -> None:
-    """Refuse one column, from line `first` on, of which every second number is a clock's, and the
-    others are not.
-    """
-    for k in (0, 1):
-        clock, other = values[k::2], values[1 - k :: 2]
-        # the first few settle it for nearly every record
-        if len(clock) < MIN_CLOCK_ROWS or not _grows(clock[:MIN_CLOCK_ROWS]):
-            continue
-        if _grows(clock) and not _grows(other) and not _grows(values):
-            names = '"millis", "force"' if k == 0 else '"force", "millis"'
-            raise InputRefused(
-                f"{where}, line {first + k} and every second one",
-                f"only grows, from {clock[0]:g} to {clock[-1]:g}: a clock between the values, and"
-                " not a force",
-                f"dialect = {{ columns = [{names}], lines = 2 }} under [records], and the reader is"
-                ' "text"',
-            )
-
-
-def _grows(values: FloatArray) -> bool:
-    """Whether whole numbers each exceed the one before."""
-    rising: BoolArray = np.diff(values) > 0
-    return bool(rising.all() and np.all(values == np.round(values)))
+    for clock in file.channels:
+        if clock.unit in SECONDS and split_unit(clock.name)[0].casefold() in called:
+            enough = len(clock.values) > 2
+            rate = rate_of(SECONDS[clock.unit] * clock.values) if enough else None
+            return replace(file, channels=tuple(replace(c, rate_Hz=rate) for c in file.channels))
+    return file
 
 
 TEXT = Reader(
