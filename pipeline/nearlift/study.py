@@ -1,16 +1,18 @@
-"""Python interface: a campaign, its stages and its products."""
+"""Python interface: a campaign, its stages, and their products as DataFrames."""
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import pandas as pd
 
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
@@ -20,28 +22,22 @@ from nearlift.isolation import library
 from nearlift.likelihood.problem import usable
 from nearlift.observed import observe
 from nearlift.report.phrases import claim, coefficient_text
-from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
-from nearlift.results.fit import FitResults, ModelFit
+from nearlift.results.estimate import Estimate
+from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
-from nearlift.rounding import plain, plus_minus
+from nearlift.rounding import plain
 from nearlift.run import engine, tables
-from nearlift.run.tables import Product
 from nearlift.stages import ORDER, PRODUCTS, STAGES
-from nearlift.stages.diagnose import LOOP_RESIDUALS
-from nearlift.stages.fit import POSTERIOR
-from nearlift.stages.ingest import TRIALS
-from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 Entry = TypeVar("Entry")
-#: Rejected trials printed by name; more are counted.
-MAX_REJECTED_LISTED = 5
 #: Correlations printed, as in lmfit's report.
 MIN_CORRELATION = 0.1
+#: Columns of a table of coefficients that fits and diagnoses have.
+ESTIMATE = ("value", "u", "dof", "lo90", "hi90", "unit")
 
 
 class Study:
@@ -67,26 +63,14 @@ class Study:
         self.processed = out / "processed" / self.manifest.name
         self.reports = out / "reports" / self.manifest.name
 
-    @property
-    def name(self) -> str:
-        """Name of the campaign and of the folders of its products."""
-        return self.manifest.name
+    def reduce(self) -> pd.DataFrame:
+        """Reduce records to trials, and trials to the change of lift per cell: ``lift.parquet``.
 
-    @property
-    def report(self) -> Path:
-        """Path of ``index.html``, which `run` writes."""
-        return self.reports / "index.html"
-
-    def reduce(self) -> Reduction:
-        """Reduce raw records to trials, and trials to the change of lift per cell."""
-        import pandas as pd
-
-        about = self._about("reduce")
-        cells, covariance = self.read(LIFT), self.read(LIFT_COVARIANCE)
-        if len(covariance):
-            places = cells[["boundary", "z_hat", "throttle"]]
-            covariance.index = covariance.columns = pd.MultiIndex.from_frame(places)
-        return Reduction(**about, trials=self.read(TRIALS), cells=cells, covariance=covariance)
+        Cells share `L_inf`: their covariance is ``read("lift_covariance.parquet")``, in the same
+        order along both axes.
+        """
+        self._run("reduce")
+        return self.read("lift.parquet")
 
     def fit(self) -> Fit:
         """Fit every lift model that suits, by least squares and as a posterior.
@@ -96,43 +80,28 @@ class Study:
         NotConverged
             A base model does not converge, or two samplers of a posterior disagree.
         """
-        about = self._about("fit")
-        results = self._load(FitResults)
-        trials = self.read(TRIALS)
-        columns = {str(name): values.to_numpy() for name, values in trials.items()}
-        return Fit(
-            **about,
-            boundaries={
-                boundary: BoundaryFit(
-                    boundary=boundary, base_model=results.base[boundary], models=models
-                )
-                for boundary, models in results.boundaries.items()
-            },
-            trials=trials,
-            observations={b: observe(columns, self.manifest, b) for b in results.boundaries},
-            posterior=self.read(POSTERIOR),
-        )
+        about = self._run("fit")
+        results = tables.load(self.processed / FitResults.file, FitResults)
+        residuals = _residuals(about["trials"], self.manifest, results)
+        posterior = self.read("posterior.parquet")
+        return Fit(**about, results=results, residuals=residuals, posterior=posterior)
 
     def diagnose(self) -> Diagnosis:
         """Trace the residuals of the base models to an identified effect, or to none."""
-        about = self._about("diagnose")
+        about = self._run("diagnose")
         return Diagnosis(
             **about,
-            boundaries=self._load(DiagnosisResults).boundaries,
-            quoted=self._load(Results).boundaries,
-            trials=self.read(TRIALS),
-            residuals=self.read(LOOP_RESIDUALS),
+            boundaries=tables.load(
+                self.processed / DiagnosisResults.file, DiagnosisResults
+            ).boundaries,
+            quoted=tables.load(self.processed / Results.file, Results).boundaries,
+            residuals=self.read("loop_residuals.parquet"),
         )
 
     def run(self) -> Path:
         """Run every stage that is stale, as ``nearlift run`` does; the path of the report."""
-        self._about("report")
-        return self.report
-
-    def plan(self) -> dict[str, str]:
-        """Reason why each stage is stale, empty if it is up to date; runs nothing."""
-        with self._open("serial") as job:
-            return {stage.name: why for stage, why in engine.plan(job)}
+        self._run("report")
+        return self.reports / "index.html"
 
     def plot(self, name: str = "fig2") -> Figure:
         """Draw a figure of the report as a matplotlib Figure, to be adjusted and saved.
@@ -152,25 +121,18 @@ class Study:
         from nearlift.report.registry import FIGURES
         from nearlift.stages.gathering import gather
 
-        spec = {item.name: item for item in FIGURES}.get(name)
-        if spec is None:
-            raise UsageError(
-                name, "is no figure", f"there are {', '.join(item.name for item in FIGURES)}"
-            )
+        figures = {item.name: item for item in FIGURES}
+        spec = _entry(figures, name, "is no figure")
         makers = [stage.name for stage in STAGES if set(stage.writes) & set(spec.needs)]
-        self._about(makers[-1])
-        with self._open("serial") as job:
-            evidence = gather(job)
-        rows = spec.table(evidence)
+        self._run(makers[-1])
+        with self._job("serial") as job:
+            rows = spec.table(gather(job))
         if rows.empty:
-            raise UsageError(
-                name,
-                "cannot be drawn: this campaign does not have what it shows",
-                "`plan()` says which stages belong to it",
-            )
+            what = "cannot be drawn: this campaign does not have what it shows"
+            raise UsageError(name, what, "`nearlift run --dry-run` lists its stages")
         return drawn(spec.draw, rows, style_of(self.manifest))
 
-    def read(self, product: Product | str) -> pd.DataFrame:
+    def read(self, product: str) -> pd.DataFrame:
         """Read a table product from disk, its checksums verified.
 
         Parameters
@@ -185,31 +147,25 @@ class Study:
         ProductError
             It is missing or damaged.
         """
-        import pandas as pd
+        by_name = {p.file: p for p in PRODUCTS if p.file.endswith(".parquet")}
+        known = _entry(by_name, product, "is no table product")
+        return pd.DataFrame(tables.read_table(self.processed / product, known))
 
-        if isinstance(product, str):
-            by_name = {p.file: p for p in PRODUCTS if p.file.endswith(".parquet")}
-            if product not in by_name:
-                raise UsageError(product, "is no table product", f"there are {', '.join(by_name)}")
-            product = by_name[product]
-        return pd.DataFrame(tables.read_table(self.processed / product.file, product))
-
-    def _load(self, kind: type[tables.Loaded]) -> tables.Loaded:
-        return tables.load(self.processed / kind.file, kind)
-
-    def _open(self, executor: str) -> contextlib.AbstractContextManager[engine.Job]:
+    def _job(self, executor: str) -> contextlib.AbstractContextManager[engine.Job]:
         return engine.open_job(self.root, self.out, STAGES, executor, self.seed)
 
-    def _about(self, last: str) -> dict[str, Any]:
-        """Run what is stale up to the stage `last`: the name, rejected trials and notes."""
-        with self._open(self.executor) as job:
-            steps = list(engine.run(job, STAGES[: ORDER.index(last) + 1]))
-        rejected = tuple(r for step in steps for r in step.outcome.rejected)
-        notes = tuple(dict.fromkeys(note for step in steps for note in step.outcome.notes))
-        return {"campaign": self.name, "rejected": rejected, "notes": notes}
+    def _run(self, last: str) -> dict[str, Any]:
+        """Run what is stale up to the stage `last`; the fields of every answer."""
+        with self._job(self.executor) as job:
+            steps = [*engine.run(job, STAGES[: ORDER.index(last) + 1])]
+        return {
+            "campaign": self.manifest.name,
+            "trials": self.read("trials.parquet"),
+            "notes": tuple(dict.fromkeys(note for step in steps for note in step.outcome.notes)),
+        }
 
     def __repr__(self) -> str:
-        return f"Study({self.name!r}, {str(self.root)!r}, out={str(self.out)!r})"
+        return f"Study({self.manifest.name!r}, {str(self.root)!r}, out={str(self.out)!r})"
 
 
 def load(
@@ -293,240 +249,159 @@ def trials(
         "rotor_spacing": rotor_spacing,
         "mass": mass,
     }
-    columns = columns_of(frame)
     folder = Path(tempfile.mkdtemp(prefix="nearlift-"))
-    remove = functools.partial(shutil.rmtree, folder, ignore_errors=True)
-    try:
+    with contextlib.ExitStack() as refused:
+        refused.callback(shutil.rmtree, folder, ignore_errors=True)
+        columns = columns_of(frame)
         root = write_campaign(folder, frame, columns, name, vehicle, held, sections)
         study = Study(root, folder, seed, "serial")
-    except Exception:
-        remove()
-        raise
-    weakref.finalize(study, remove)
+        weakref.finalize(study, refused.pop_all().close)
     return study
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class StudyAnswer:
-    """Answer of a study, printed as a report.
+    """Answer of a study, shown as a report.
 
     Attributes
     ----------
     campaign : str
         Its name.
-    rejected : tuple of (str, str)
-        Trials that take no part in fits, each with its reason.
+    trials : DataFrame
+        A trial a row, in run order: ``trials.parquet``. `quality` says which were rejected.
     notes : tuple of str
         Notes of the stages that ran.
     """
 
     campaign: str
-    rejected: tuple[tuple[str, str], ...] = ()
-    notes: tuple[str, ...] = ()
+    trials: pd.DataFrame
+    notes: tuple[str, ...]
 
     def __repr__(self) -> str:
         return str(self)
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Reduction(StudyAnswer):
-    """Trials reduced to cells.
-
-    Attributes
-    ----------
-    trials : DataFrame
-        A trial a row, in run order, rejected ones included: ``trials.parquet``.
-    cells : DataFrame
-        Change of lift per boundary, distance and throttle: ``lift.parquet``.
-    covariance : (n, n) DataFrame
-        Covariance of `delta_L`, in the order of `cells` along both axes. Cells share `L_inf`, so it
-        is not diagonal. Empty beyond 2000 cells.
-    """
-
-    trials: pd.DataFrame = field(compare=False)
-    cells: pd.DataFrame = field(compare=False)
-    covariance: pd.DataFrame = field(compare=False)
-
-    def __str__(self) -> str:
-        lines = [self.campaign]
-        for boundary, cells in self.cells.groupby("boundary", sort=False):
-            top = cells.iloc[int(cells["delta_L"].abs().argmax())]
-            change = plus_minus(100 * top["delta_L"], 100 * top["u_delta_L"])
-            lines.append(
-                f"{boundary}: {cells['n_trials'].sum()} trials in {len(cells)} cells, largest ΔL"
-                f" {change} % at {plain(top['z_hat'], 3)} radii"
-            )
-        lines += [f"{trial}: {reason}" for trial, reason in self.rejected[:MAX_REJECTED_LISTED]]
-        if len(self.rejected) > MAX_REJECTED_LISTED:
-            lines.append(f"and {len(self.rejected) - MAX_REJECTED_LISTED} more trials rejected")
-        return "\n".join([*lines, *self.notes])
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class ByBoundary(StudyAnswer, Generic[Entry]):
-    """Answer with an entry for each boundary: ground, ceiling, sidewall."""
-
-    boundaries: Mapping[Boundary, Entry]
-
-    def __iter__(self) -> Iterator[Entry]:
-        return iter(self.boundaries.values())
-
-    def __getitem__(self, boundary: str) -> Entry:
-        return _entry(self.boundaries, boundary, f"{boundary!r} is no boundary of this campaign")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoundaryFit:
-    """Every model of one boundary; the loop tests the base model."""
-
-    boundary: Boundary
-    base_model: str
-    models: Mapping[str, ModelFit]
-
-    @property
-    def base(self) -> ModelFit:
-        """Fit of the base model."""
-        return self.models[self.base_model]
-
-    def __getitem__(self, model: str) -> ModelFit:
-        return _entry(self.models, model, f"no fit of {model!r} at the {self.boundary}")
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Fit(ByBoundary[BoundaryFit]):
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class Fit(StudyAnswer):
     """Every model at every boundary, before any diagnosis: ``fit.json`` and ``posterior.parquet``.
 
     These are the coefficients if the model were right and no effect missing. The number to quote is
-    `Study.diagnose`'s.
+    `Study.diagnose`'s. Methods that take a boundary and a model take the first boundary and its
+    base model where none is named.
+
+    Attributes
+    ----------
+    results : FitResults
+        ``fit.json``; ``results.of_base("ground")`` is the fit of the base model.
+    residuals : DataFrame
+        Log lift less the base model's, an accepted trial a row, with the columns of `trials`; nan
+        outside the model's range. Free-air trials appear once for each boundary, `fitted_at`.
+    posterior : DataFrame
+        Draws of all models: a draw of one parameter a row.
     """
 
-    trials: pd.DataFrame = field(compare=False)
-    observations: Mapping[Boundary, Observations] = field(compare=False)
-    posterior: pd.DataFrame = field(compare=False)
+    results: FitResults
+    residuals: pd.DataFrame
+    posterior: pd.DataFrame
 
     @property
     def coefficients(self) -> pd.DataFrame:
         """A coefficient of a model a row; `base` marks the base models."""
-        import pandas as pd
-
         rows = [
-            {"boundary": at.boundary, "model": model, "base": model == at.base_model}
-            | {"coefficient": name}
-            | {key: getattr(c, key) for key in ("value", "u", "dof", "lo90", "hi90", "unit")}
-            for at in self
-            for model, fit in at.models.items()
+            {"boundary": boundary, "model": model, "base": model == self.results.base[boundary]}
+            | {"coefficient": name, **{key: getattr(c, key) for key in ESTIMATE}}
+            for boundary, models in self.results.boundaries.items()
+            for model, fit in models.items()
             for name, c in fit.coefficients.items()
         ]
         return pd.DataFrame(rows)
 
-    @property
-    def residuals(self) -> pd.DataFrame:
-        """Log lift less the base model's, an accepted trial a row, with the columns of `trials`.
-
-        Free-air trials appear once per boundary. nan outside the model's range.
-        """
-        import pandas as pd
-
-        from nearlift.report.curves import log_residual
-
-        parts = []
-        for at in self:
-            model, data = catalogue.model(at.base_model), self.observations[at.boundary]
-            inside = data.take(usable(model, data))
-            residual = dict(zip(inside.trial, log_residual(model, at.base, inside), strict=True))
-            rows = self.trials[self.trials["trial"].isin(data.trial)].copy()
-            rows["residual"] = rows["trial"].map(residual).astype(float)
-            rows.insert(0, "fitted_at", at.boundary)
-            parts.append(rows)
-        return pd.concat(parts, ignore_index=True)
-
-    def draws(self, boundary: str, model: str | None = None) -> pd.DataFrame:
-        """Posterior draws of the base model, or of another: a draw a row, a parameter a column."""
-        model = model or self[boundary].base_model
-        self[boundary][model]  # refuses a model that was not fitted
-        of_model = (self.posterior["boundary"] == boundary) & (self.posterior["model"] == model)
-        if not of_model.any():
+    def draws(self, boundary: str = "", model: str = "") -> pd.DataFrame:
+        """Posterior draws of a model: a draw a row, a parameter a column."""
+        boundary, model = self._chosen(boundary, model)
+        drawn = self.posterior.query("boundary == @boundary and model == @model")
+        if drawn.empty:
+            what = f"there are none at the {boundary}"
             raise UsageError(
-                f"draws of {model}",
-                f"there are none at the {boundary}",
-                "its posterior was not reached: see `notes`",
+                f"draws of {model}", what, "its posterior was not reached: see `notes`"
             )
-        return self.posterior[of_model].pivot_table(
+        return drawn.pivot_table(
             index=["chain", "draw"], columns="parameter", values="value", sort=False
         )
 
-    def to_lmfit(self, boundary: str, model: str | None = None) -> Any:
+    def to_lmfit(self, boundary: str = "", model: str = "") -> Any:
         """Coefficients as `lmfit.Parameters`, with bounds, standard errors and correlations."""
+        boundary, model = self._chosen(boundary, model)
+        fit = self.results.boundaries[boundary][model]
         parameters = library("lmfit").Parameters()
-        model = model or self[boundary].base_model
-        fit = self[boundary][model]
         for name, c in fit.coefficients.items():
             low, high = catalogue.model(model).parameter(name).bounds
             parameters.add(name, value=c.value, min=low, max=high)
-            parameters[name].stderr = c.u
+            parameters[name].stderr, parameters[name].correl = c.u, {}
         for a, b, r in _correlations(fit.covariance.names, fit.covariance.values):
             if a in parameters and b in parameters:
-                parameters[a].correl = (parameters[a].correl or {}) | {b: r}
-                parameters[b].correl = (parameters[b].correl or {}) | {a: r}
+                parameters[a].correl[b] = parameters[b].correl[a] = r
         return parameters
 
-    def to_arviz(self, boundary: str, model: str | None = None) -> Any:
+    def to_arviz(self, boundary: str = "", model: str = "") -> Any:
         """Posterior draws as ArviZ's InferenceData; `UsageError` where ArviZ is not installed."""
         try:
             import arviz
         except ImportError:
-            raise UsageError(
-                "to_arviz", "needs the package arviz", "pip install 'nearlift[arviz]'"
-            ) from None
+            remedy = "pip install 'nearlift[arviz]'"
+            raise UsageError("to_arviz", "needs the package arviz", remedy) from None
         draws = self.draws(boundary, model)
-        chains = [chain.to_numpy().T for _, chain in draws.groupby(level="chain", sort=False)]
-        length = min(chain.shape[1] for chain in chains)
-        names = map(str, draws.columns)
-        return arviz.from_dict(
-            posterior={n: [chain[i, :length] for chain in chains] for i, n in enumerate(names)}
-        )
+        # chains may differ in length by a draw
+        wide = draws.unstack("chain").dropna()
+        return arviz.from_dict(posterior={str(n): wide[n].to_numpy().T for n in draws.columns})
+
+    def _chosen(self, boundary: str, model: str) -> tuple[Boundary, str]:
+        bases = self.results.base
+        where = next((b for b in bases if b == boundary or not boundary), None)
+        if where is None:
+            raise UsageError(repr(boundary), "was not fitted", f"there are {', '.join(bases)}")
+        model = model or bases[where]
+        _entry(self.results.boundaries[where], model, f"was not fitted at the {where}")
+        return where, model
 
     def __str__(self) -> str:
         lines = [self.campaign]
-        for at in self:
-            fit = at.base
+        for boundary in self.results.base:
+            fit = self.results.of_base(boundary)
             quality = f"chi2/dof = {plain(fit.chi2 / fit.dof, 3)}, dof = {fit.dof}"
-            lines.append(f"[[{at.boundary}: {fit.title}]]")
-            lines.append(f"    trials = {fit.n_trials}, {quality}, rmse = {100 * fit.rmse:.2g} %")
-            lines += [f"    {coefficient_text(c, name)}" for name, c in fit.coefficients.items()]
-            lines += _correlation_lines(fit.covariance.names, fit.covariance.values)
+            facts = [f"trials = {fit.n_trials}, {quality}, rmse = {100 * fit.rmse:.2g} %"]
+            correlations = _correlations(fit.covariance.names, fit.covariance.values)
+            lines += _section(boundary, fit.title, facts, fit.coefficients, correlations)
         return "\n".join([*lines, "Not diagnosed; the number to quote is diagnose()'s."])
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
-    """Diagnosis of every boundary: ``diagnosis.json``, and the numbers to quote: ``results.json``.
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class Diagnosis(StudyAnswer):
+    """Diagnosis of every boundary, and the numbers to quote.
 
     Attributes
     ----------
+    boundaries : mapping of str to BoundaryDiagnosis or NotDiagnosed
+        ``diagnosis.json``, by boundary.
     quoted : mapping of str to BoundaryResult
-        Verdict, effects with sizes, coefficients and doubts by boundary.
-    trials : DataFrame
-        ``trials.parquet``.
+        ``results.json``: verdict, effects with sizes, coefficients and doubts by boundary.
     residuals : DataFrame
         Residuals before and after the identified effects, held out and not:
         ``loop_residuals.parquet``.
     """
 
+    boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]
     quoted: Mapping[Boundary, BoundaryResult]
-    trials: pd.DataFrame = field(compare=False)
-    residuals: pd.DataFrame = field(compare=False)
+    residuals: pd.DataFrame
 
     @property
     def coefficients(self) -> pd.DataFrame:
         """A coefficient to quote a row, with verdict and identified effects."""
-        import pandas as pd
-
-        keys = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit")
+        keys = (*ESTIMATE, "lo68", "hi68", "lo95", "hi95", "holds")
         rows = [
             {"boundary": boundary, "model": result.base_model, "verdict": result.verdict}
             | {"effects": " + ".join(result.effects), "coefficient": name}
-            | {key: getattr(c, key) for key in (*keys, "holds")}
+            | {key: getattr(c, key) for key in keys}
             for boundary, result in self.quoted.items()
             for name, c in result.coefficients.items()
         ]
@@ -535,39 +410,68 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
     def __str__(self) -> str:
         lines = [self.campaign]
         for boundary, result in self.quoted.items():
-            lines.append(f"[[{boundary}: {catalogue.model(result.base_model).title}]]")
             why = f", {result.reason}" if result.reason else ""
-            lines.append(f"    verdict: {claim(result, self.boundaries.get(boundary))}{why}")
+            facts = [f"verdict: {claim(result, self.boundaries.get(boundary))}{why}"]
             for size in result.sizes:
                 unit = f" {size.unit}" if size.unit != "1" else ""
                 value, low, high = (plain(x, 3) for x in (size.value, size.lo90, size.hi90))
                 sized = f"{size.parameter} = {value}{unit} (90 %: {low} to {high})"
-                lines.append(f"    {size.effect}: {sized}")
+                facts.append(f"{size.effect}: {sized}")
             if (error := result.error) is not None:
                 before, after = f"{100 * error.before:.2g} %", f"{100 * error.after:.2g} %"
-                lines.append(f"    cross-validated error: {before} before, {after} after")
-            lines += [f"    {coefficient_text(c, name)}" for name, c in result.coefficients.items()]
-            if (given := result.correlation) is not None:
-                lines += _correlation_lines(given.parameters, given.values)
+                facts.append(f"cross-validated error: {before} before, {after} after")
+            title = catalogue.model(result.base_model).title
+            correlations = _correlations(result.correlation.parameters, result.correlation.values)
+            lines += _section(boundary, title, facts, result.coefficients, correlations)
         return "\n".join(lines)
 
 
-def _entry(entries: Mapping[Any, Entry], key: str, what: str) -> Entry:
+def _residuals(
+    trials: pd.DataFrame, campaign: manifests.Campaign, results: FitResults
+) -> pd.DataFrame:
+    """Log lift less that of the base model of each boundary, with the columns of `trials`."""
+    from nearlift.report.curves import log_residual
+
+    columns = {str(name): values.to_numpy() for name, values in trials.items()}
+    parts = []
+    for boundary, base in results.base.items():
+        model, data = catalogue.model(base), observe(columns, campaign, boundary)
+        inside = data.take(usable(model, data))
+        residual = pd.Series(
+            log_residual(model, results.of_base(boundary), inside), index=inside.trial
+        )
+        rows = trials[trials["trial"].isin(data.trial)]
+        rows = rows.assign(residual=rows["trial"].map(residual))
+        rows.insert(0, "fitted_at", boundary)
+        parts.append(rows)
+    return pd.concat(parts, ignore_index=True)
+
+
+def _entry(entries: Mapping[str, Entry], key: str, what: str) -> Entry:
     if key not in entries:
-        raise UsageError(key, what, f"there are {', '.join(map(str, entries)) or 'none'}")
+        raise UsageError(key, what, f"there are {', '.join(entries)}")
     return entries[key]
 
 
-def _correlations(names: Any, values: Any) -> list[tuple[str, str, float]]:
-    """Correlations of pairs, from a covariance or a correlation matrix, the largest first."""
-    import numpy as np
-
+def _correlations(
+    names: Sequence[str], values: Sequence[Sequence[float]]
+) -> Iterator[tuple[str, str, float]]:
+    """Correlations of pairs, the largest first, from a covariance or a correlation matrix."""
     matrix = np.array(values, dtype=float).reshape(len(names), len(names))
-    matrix /= np.sqrt(np.outer(matrix.diagonal(), matrix.diagonal()))
-    pairs = [(names[i], names[j], float(matrix[i, j])) for i in range(len(names)) for j in range(i)]
-    return sorted(pairs, key=lambda pair: -abs(pair[2]))
+    sd = np.sqrt(matrix.diagonal())
+    pairs = [(i, j, float(matrix[i, j] / sd[i] / sd[j])) for i in range(len(sd)) for j in range(i)]
+    for i, j, r in sorted(pairs, key=lambda pair: -abs(pair[2])):
+        yield names[i], names[j], r
 
 
-def _correlation_lines(names: Any, values: Any) -> list[str]:
-    pairs = _correlations(names, values)
-    return [f"    C({a}, {b}) = {r:+.3f}" for a, b, r in pairs if abs(r) > MIN_CORRELATION]
+def _section(
+    boundary: str,
+    title: str,
+    facts: list[str],
+    coefficients: Mapping[str, Estimate],
+    correlations: Iterator[tuple[str, str, float]],
+) -> list[str]:
+    """Lines of one boundary in a report, in the form of lmfit's."""
+    values = [coefficient_text(c, name) for name, c in coefficients.items()]
+    pairs = [f"C({a}, {b}) = {r:+.3f}" for a, b, r in correlations if abs(r) > MIN_CORRELATION]
+    return [f"[[{boundary}: {title}]]", *(f"    {text}" for text in (*facts, *values, *pairs))]

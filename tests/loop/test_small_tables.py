@@ -184,4 +184,4 @@ def test_card_chapter_methods_and_python_say_what_could_have_been_seen(out: Path
     assert f"could have detected {titled(words)}" in chapter.replace("\N{NO-BREAK SPACE}", " ")
     assert f"24 trials could have detected {titled(words)}" in methods.markdown(evidence).decode()
     answer = nearlift.load(out / "raw", out).diagnose()
-    assert answer["ground"].verdict == "adequate"
+    assert answer.quoted["ground"].verdict == "adequate"

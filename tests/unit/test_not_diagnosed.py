@@ -95,8 +95,8 @@ def test_the_methods_say_it_in_a_whole_sentence(evidence: report.Evidence):
 
 def test_python_answers_with_the_reason_and_draws_nothing(out: Path):
     answer = nearlift.load(out / "raw", out).diagnose()
-    assert answer["ground"].verdict == NOT_DIAGNOSED
-    assert answer["ground"].reason == REASON
+    assert answer.quoted["ground"].verdict == NOT_DIAGNOSED
+    assert answer.quoted["ground"].reason == REASON
 
     assert REASON in str(answer)
 

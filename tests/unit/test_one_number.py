@@ -108,9 +108,8 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     c = quoted.coefficients["K_b"]
     (entry,) = comparison.entries(job.processed)
     assert entry.quoted == c
-    loop = Diagnosis(
-        campaign="small", boundaries={}, quoted={"ground": quoted}, trials=None, residuals=None
-    )
+    none = {"trials": None, "residuals": None, "notes": ()}
+    loop = Diagnosis(campaign="small", boundaries={}, quoted={"ground": quoted}, **none)
     assert coefficient_text(c, "K_b") in str(loop)
     assert len(re.findall(r"± ", str(loop))) == 1
 

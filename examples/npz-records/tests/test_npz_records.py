@@ -46,7 +46,9 @@ def test_it_is_among_the_readers():
 
 
 def test_a_campaign_of_archives_is_reduced(campaign):
-    trials = nearlift.load(campaign, campaign.parent, executor="serial").reduce().trials
+    study = nearlift.load(campaign, campaign.parent, executor="serial")
+    study.reduce()
+    trials = study.read("trials.parquet")
     assert trials["lift_N"].tolist() == pytest.approx([0.28, 0.265, 0.26], abs=2e-4)
 
 
