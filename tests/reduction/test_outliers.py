@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from nearlift.reduction.outliers import LEAST_TRIALS, odd_visits, screen, student_tail
-from nearlift.reduction.stretch import distinct, numbered
+from nearlift.reduction.outliers import LEAST_TRIALS, odd_visits, screen
 
 THROTTLES = np.array([0.25, 0.5, 0.75, 0.92])
 
@@ -36,10 +33,10 @@ def bench(seed, stations=11, visits=4, throttles=THROTTLES, noise="normal", size
 
 @pytest.mark.parametrize("noise", ["normal", "t6"])
 def test_noise_is_no_outlier(noise):
-    """200 campaigns of 176 trials: two alarms are expected at most; six or more have a chance of 2
-    %.
+    """60 campaigns of 176 trials: 0.6 alarms are expected at most; four or more have a chance of
+    0.3 %.
     """
-    assert sum(screen(*bench(seed, noise=noise)).outlying.any() for seed in range(200)) < 6
+    assert sum(screen(*bench(seed, noise=noise)).outlying.any() for seed in range(60)) < 4
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.5, 1.15])
@@ -125,13 +122,6 @@ def test_what_cannot_be_screened_says_why():
     assert not few.outlying.any() | exact.outlying.any() | none.outlying.any()
 
 
-def test_student_s_tail_is_scipy_s():
-    from scipy.special import stdtr
-
-    dof, x = np.linspace(2.0, 6.0, 9)[:, None], np.logspace(-2, 5, 50)
-    np.testing.assert_allclose(student_tail(dof, x), stdtr(dof, -x), rtol=1e-12)
-
-
 def test_a_visit_that_is_off_as_a_whole_is_odd_and_none_of_its_trials_is_outlying():
     log_lift, z, throttle, visit = bench(5)
     before = odd_visits(log_lift, z, throttle, visit).tolist()
@@ -139,13 +129,3 @@ def test_a_visit_that_is_off_as_a_whole_is_odd_and_none_of_its_trials_is_outlyin
     assert set(odd_visits(log_lift, z, throttle, visit)) - set(before) == {17}
     assert not screen(log_lift, z, throttle, visit).outlying.any()
     assert odd_visits(log_lift[:4], z[:4], throttle[:4], visit[:4]).tolist() == []
-
-
-@given(st.lists(st.sampled_from([-1.5, -0.0, 0.0, 2.0, 3.25, 1e300]), max_size=12))
-def test_what_occurs_is_numbered_as_numpy_does(values):
-    array = np.array(values, dtype=float)
-    levels, places = np.unique(array, return_inverse=True)
-    np.testing.assert_array_equal(distinct(array), levels)
-    np.testing.assert_array_equal(numbered(array), places)
-    words = np.array([str(value) for value in values], dtype=str)
-    np.testing.assert_array_equal(numbered(words), np.unique(words, return_inverse=True)[1])

@@ -195,7 +195,7 @@ def test_an_effect_that_is_the_coefficient_is_no_doubt():
 def test_what_was_removed_from_records_is_counted(columns, said):
     quality = np.array(["SATURATED", "", ""], dtype=object)
     table = {"quality": quality, **columns}
-    why = quality_codes.code("SATURATED").meaning
+    why = quality_codes.CODES["SATURATED"]
     assert words.removed(SimpleNamespace(table=lambda _: table)) == said.format(why=why)
 
 

@@ -14,7 +14,7 @@ from nearlift.loop import diagnose as loop
 from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.search_problem import Options
-from nearlift.reduction import cells
+from nearlift.reduction.lift_change import cells
 
 from .simulated import campaign
 
@@ -46,7 +46,7 @@ def fitted(data):
 
 
 def reduced(data):
-    cells.reduce(data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit)
+    cells(data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit)
 
 
 def diagnosed(data):

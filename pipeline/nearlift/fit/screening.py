@@ -39,7 +39,7 @@ def screen(
     return replace(
         influence,
         suspects=tuple(replace(s, text=_said(fitted, influence, s)) for s in influence.suspects),
-        unscreened=seen.unscreened,
+        unscreened=int(np.isnan(seen.sigmas).sum()),
         why_not=influence.why_not or seen.why_not,
     )
 

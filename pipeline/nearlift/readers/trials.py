@@ -34,7 +34,7 @@ from nearlift.readers.rows import (
     remarks,
 )
 from nearlift.readers.segment_schedule import schedule_of_trials
-from nearlift.reduction import judge, plausibility, quality
+from nearlift.reduction import judge, quality
 from nearlift.schedule import RECORD_COLUMN, Schedule, read_schedule, schedule_file
 
 #: What a manifest says wrong if all records carry a code.
@@ -121,8 +121,8 @@ def reduced_trials(recorded: Recorded) -> ReducedTrials:
             sweeps = _mark_sweeps(recorded, reader, schedule, columns, codes)
         notes += [*more, *_remarks_on_tare(campaign), *sweeps]
     _mark_pending(recorded, columns["source"].tolist(), codes)
-    table = _table(schedule, columns, codes, campaign)
-    notes += judge.judge(table, campaign)
+    table, duplicates = _table(schedule, columns, codes, campaign)
+    notes += [*duplicates, *judge.judge(table, campaign)]
     if asked := campaign.quality.exclude:
         trials = ", ".join(f"{trial} ({why})" if why else trial for trial, why in asked.items())
         notes.append(f"left out as [quality] exclude asks: {trials}")
@@ -149,15 +149,14 @@ def _all_rejected(
     the unit of force is at fault.
     """
     campaign = recorded.campaign
-    unit, key = judge.unit_of(campaign)
     blank = {**table, "quality": np.full(len(table["quality"]), "", dtype=object)}
-    plausibility.against_weight(blank, campaign.vehicle.mass * campaign.rig.gravity, unit, key)
+    judge.against_weight(blank, campaign)
     counts = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
     reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
-    worst = quality.code(counts.most_common(1)[0][0])
+    worst = counts.most_common(1)[0][0]
     # the fault of the first record says more than the meaning of the code
-    fault = next((f for f in table["fault"] if f), "") if worst.name == "MALFORMED" else ""
-    meaning = f"{worst.name}: {fault or worst.meaning}{MISDESCRIBED.get(worst.name, '')}"
+    fault = next((f for f in table["fault"] if f), "") if worst == "MALFORMED" else ""
+    meaning = f"{worst}: {fault or quality.CODES[worst]}{MISDESCRIBED.get(worst, '')}"
     return InputRefused(
         str(recorded.root),
         f"all {len(table['quality'])} trials are rejected ({reasons})",
@@ -170,11 +169,13 @@ def _table(
     columns: dict[str, NDArray[Any]],
     of_records: Sequence[tuple[str, ...]],
     campaign: Campaign,
-) -> dict[str, NDArray[Any]]:
-    """Columns of trials.parquet in run order, with the codes that each trial has by itself."""
+) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """Columns of trials.parquet in run order, with the codes that each trial has by itself; and
+    notes on duplicates.
+    """
     codes = [list(trial_codes) for trial_codes in of_records]
     owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
-    judge.record_codes(columns, codes, owners, campaign)
+    notes = judge.record_codes(columns, codes, owners, campaign)
     if schedule.reached_m is not None:
         off = np.abs(schedule.reached_m - schedule.z_m)
         lost = off > campaign.quality.height * campaign.vehicle.rotor_radius
@@ -186,7 +187,7 @@ def _table(
             codes[i].append(quality.EXCLUDED)
             fault[i] = "; ".join(filter(None, (fault[i], excluded[named])))
     texts = [quality.joined(c) for c in codes]
-    return {
+    table = {
         **schedule.settings,
         **columns,
         "quality": np.array(texts, dtype=object),
@@ -194,6 +195,7 @@ def _table(
         "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
         **schedule.covariates,
     }
+    return table, notes
 
 
 def _require_known(exclude: Mapping[str, str], schedule: Schedule, by_record: bool = False) -> None:

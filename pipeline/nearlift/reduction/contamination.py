@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from nearlift.declare import BoolArray, FloatArray
-from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
+from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median
 
 #: Standard deviations, by the median, beyond which one of many is outlying; of few, whose scale is
 #: uncertain, more are asked for.
@@ -69,7 +69,7 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 
 def step_of(values: FloatArray) -> float:
     """The step between a converter's codes; next to nothing where values are not coarse."""
-    steps = np.sort(np.diff(distinct(values[:ENOUGH_CODES])))
+    steps = np.sort(np.diff(np.unique(values[:ENOUGH_CODES])))
     # a damaged sample need not be on a code
     return float(steps[len(steps) // 10]) if len(steps) else 0.0
 

@@ -1,4 +1,8 @@
-"""Checks of trials against the whole campaign: quality codes, refusals and notes."""
+"""Checks of trials against the whole campaign: quality codes, refusals and notes.
+
+A force that no vehicle of this weight can have is refused, with the unit that would make sense. A
+far lift that does not rise with throttle is flagged and kept: it may be the battery.
+"""
 
 from __future__ import annotations
 
@@ -6,130 +10,356 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from nearlift import units
 from nearlift.campaign.manifest import Campaign
-from nearlift.reduction import outliers, plausibility, quality
+from nearlift.declare import BoolArray
+from nearlift.errors import InputRefused
+from nearlift.reduction import outliers, quality
+from nearlift.reduction.quality import rejected
+from nearlift.reduction.stretch import SD_PER_MAD
 
 Table = dict[str, NDArray[Any]]
+#: Times the weight beyond which a single trial's lift is no lift, whatever the others are.
+TOO_HEAVY = 100.0
+#: Largest thrust over weight: racing quadrotors at full throttle come near 14.
+STRONGEST = 15.0
+#: Smallest thrust over weight where the throttle is high; below such a throttle a hundredth, since
+#: a lab may run slow rotors only.
+WEAKEST, HIGH_THROTTLE = 0.25, 0.75
+#: Times the weight between which the largest far lift of a flying vehicle usually lies.
+ODD = (0.2, 6.0)
+#: Distance over radius from which on ground and ceiling leave a rotor alone, to some per cent.
+REACH = 2.0
+#: As many trials at one place and throttle show how well they repeat.
+FEWEST_TO_REPEAT = 5
+#: Departure of a load cell from a straight line over its range: catalogues of strain-gauge cells
+#: state 0.0002 to 0.01.
+WORST_CELL = 0.05
+#: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
+STOPPED = 0.05
 
 
 def record_codes(
-    columns: Table, codes: list[list[str]], owners: NDArray[np.object_], campaign: Campaign
-) -> None:
-    """Add to `codes` those of records that are like others' or have another length.
+    columns: Table, codes: Sequence[list[str]], owners: NDArray[np.object_], campaign: Campaign
+) -> list[str]:
+    """Add to `codes` those of records that are like others' or have another length; returns notes.
 
-    `columns` are rows of trials in run order, `owners` the record of each.
+    `columns` are rows of trials in run order, `owners` the record of each. Raises as
+    `check_lengths` does.
     """
-    if campaign.cuts_records:
-        _duplicates(columns, codes, owners, ("source_sha256",))
-    elif campaign.records.reader != "means":
-        cell, missing = campaign.load_cell, campaign.quality.missing
-        samples = columns["samples"]
-        planned = None
-        if cell.record and cell.sample_rate:
-            planned = round(cell.record * cell.sample_rate)
-            plausibility.planned_length(samples, cell.record, cell.sample_rate, missing)
-        plausibility.lengths(columns["n"], codes, missing, samples, planned)
-        # trials of one long table are distinguished by their numbers
-        _duplicates(columns, codes, owners, ("source_sha256", "lift_N", "sd_N"))
+    if campaign.records.reader == "means":
+        return []
+    # trials of one long table are distinguished by their numbers
+    same = ["source_sha256"]
+    if not campaign.cuts_records:
+        check_lengths(columns, codes, campaign)
+        same += ["lift_N", "sd_N"]
+    rows = pd.DataFrame({name: columns[name] for name in same}).assign(owner=owners)
+    rows = rows[columns["n"] > 0]
+    first = rows.groupby(same, dropna=False)["owner"].transform("first")
+    twice = rows.assign(first=first)[rows["owner"] != first]
+    for i in twice.index:
+        codes[i].append("DUPLICATE")
+    pairs = twice[["owner", "first"]].drop_duplicates().itertuples(index=False)
+    return [f"the record of {owner} is that of {first}, byte for byte" for owner, first in pairs]
 
 
-def _duplicates(
-    rows: Mapping[str, NDArray[Any]],
-    codes: Sequence[list[str]],
-    owners: NDArray[np.object_],
-    same: tuple[str, ...],
-) -> None:
-    """Reject a trial whose columns `same` are those of an earlier one of another owner."""
-    first: dict[tuple[object, ...], str] = {}
-    columns = [rows[name].tolist() for name in same]
-    for i in np.flatnonzero(rows["n"]).tolist():
-        key = tuple(column[i] for column in columns)
-        if first.setdefault(key, owners[i]) != owners[i]:
-            codes[i].append("DUPLICATE")
+def check_lengths(columns: Table, codes: Sequence[list[str]], campaign: Campaign) -> None:
+    """Add `short` or `SHORT` to the codes of records with too few samples.
 
+    Where a length is planned, the samples of each record (tare included) are compared with it.
+    Below ``1 - missing`` of it the trial is rejected, and any sample that lacks is remarked on.
+    Elsewhere the samples averaged, `n`, are compared with their median. Below half of it a trial
+    was aborted. Between there and ``1 - missing`` it is rejected only if its file is cut off. A lab
+    may well measure for different times.
 
-def _same(table: Table, campaign: Campaign) -> list[str]:
-    """Whose record each duplicate is; of records that are cut, once for all pieces."""
-    first: dict[tuple[str, float], str] = {}
-    notes: dict[str, None] = {}
-    for record, sha, lift, text in zip(
-        table["record" if campaign.cuts_records else "trial"],
-        table["source_sha256"],
-        table["lift_N"].tolist(),
-        table["quality"],
-        strict=True,
-    ):
-        owner = first.setdefault((sha, lift), record)
-        if "DUPLICATE" in text.split():
-            notes[f"the record of {record} is that of {owner}, byte for byte"] = None
-    return list(notes)
-
-
-def _mark(table: Table, name: str, marked: NDArray[np.bool_]) -> None:
-    """Add a quality code to the marked trials."""
-    table["quality"] = np.array(
-        [
-            quality.joined([*text.split(), name]) if mark else text
-            for text, mark in zip(table["quality"], marked, strict=True)
-        ],
-        dtype=object,
-    )
-
-
-def unit_of(campaign: Campaign) -> tuple[str, str]:
-    """The unit that forces were read in, and its key."""
-    series = campaign.records.force
-    return (
-        (series.unit, "records.force.unit")
-        if series is not None
-        else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
-    )
+    Raises
+    ------
+    InputRefused
+        The records' median length is not the planned one: the rate is wrong, or the plan.
+    """
+    cell, missing = campaign.load_cell, campaign.quality.missing
+    record_s, rate_Hz = cell.record or 0.0, cell.sample_rate or 0.0
+    planned = round(record_s * rate_Hz)
+    counts = pd.Series(columns["samples" if planned else "n"])
+    usual = counts[counts > 0].median()
+    if not planned:
+        for i in np.flatnonzero((counts > 0) & (counts < (1 - missing) * usual)).tolist():
+            aborted = counts[i] < 0.5 * usual or "truncated" in codes[i]
+            codes[i].append("SHORT" if aborted else "short")
+        return
+    if abs(usual - planned) > missing * planned:
+        raise InputRefused(
+            "load_cell.sample_rate",
+            f"the records hold {usual:.0f} samples (the median of {(counts > 0).sum()}), where"
+            f" {record_s:g} s at {rate_Hz:g} Hz are {planned}",
+            f"is the rate {usual / record_s:.4g} Hz? or correct `record`, which counts the tare,"
+            " under [load_cell]",
+        )
+    for i in np.flatnonzero((counts > 0) & (counts < planned)).tolist():
+        codes[i].append("SHORT" if counts[i] < (1 - missing) * planned else "short")
 
 
 def judge(table: Table, campaign: Campaign) -> list[str]:
-    """Check trials against each other; adds codes to `table`, and returns notes."""
-    weight = campaign.vehicle.mass * campaign.rig.gravity
-    unit, key = unit_of(campaign)
-    plausibility.against_weight(table, weight, unit, key)
-    _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
-    _mark(table, "NO_LIFT", plausibility.without_lift(table))
-    _mark(table, "other_throttle", plausibility.other_throttle(table))
-    notes = [
-        *_same(table, campaign),
-        *plausibility.odd_weight(table, weight, unit, key),
-        *plausibility.mostly_unsettled(table),
-    ]
-    notes += plausibility.overstated(table, campaign)
+    """Check trials against each other; adds codes to `table`, and returns notes.
+
+    Raises
+    ------
+    InputRefused
+        No vehicle of this weight has such a lift; see `against_weight`.
+    """
+    against_weight(table, campaign)
+    weight = _weight_N(campaign)
+    with np.errstate(invalid="ignore"):
+        _mark(table, "IMPLAUSIBLE", np.abs(table["lift_N"]) > TOO_HEAVY * weight)
+    _mark(table, "NO_LIFT", without_lift(table))
+    _mark(table, "other_throttle", other_throttle(table))
+    notes = [*odd_weight(table, campaign), *mostly_unsettled(table), *overstated(table, campaign)]
     for side in dict.fromkeys(table["boundary"].tolist()):
         notes += _outlying(table, side)
-    for side, lower, upper, below, above in plausibility.not_rising(table):
+    for side, lower, upper, below, above in not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
-        far = here & (table["z_hat"] == table["z_hat"][here].max())
-        _mark(table, "not_rising", far)
-        place = f"far from the {side}" if side != "none" else "in free air"
-        step = f"{below:.4g} N at {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} %"
+        _mark(table, "not_rising", here & (table["z_hat"] == table["z_hat"][here].max()))
         notes.append(
-            f"{place} the lift does not rise with throttle: {step} (battery, order of the sweep, or"
-            " a wrong label?)"
+            f"{_far_from(side)} the lift does not rise with throttle: {below:.4g} N at"
+            f" {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} % (battery, order of the"
+            " sweep, or a wrong label?)"
         )
     return notes
+
+
+def _mark(table: Table, name: str, marked: BoolArray) -> None:
+    """Add a quality code to the marked trials."""
+    for i in np.flatnonzero(marked):
+        table["quality"][i] = quality.joined([*table["quality"][i].split(), name])
+
+
+def _accepted(table: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
+    """Boundary, distance, throttle and lift of the accepted trials with a lift, by their row."""
+    names = ("boundary", "z_hat", "throttle", "lift_N")
+    good = ~rejected(table["quality"]) & np.isfinite(table["lift_N"].astype(float))
+    trials = pd.DataFrame({name: table[name][good] for name in names})
+    return trials.set_axis(np.flatnonzero(good), axis="index")
+
+
+def _far_from(side: str) -> str:
+    return f"far from the {side}" if side != "none" else "in free air"
+
+
+# ---- against the weight
+
+
+def far_lifts(table: Mapping[str, NDArray[Any]]) -> pd.Series[float]:
+    """Median lift, N, of the good trials farthest from each boundary, by boundary and throttle.
+
+    Farthest for each throttle, since not every throttle is run at every station.
+    """
+    good = _accepted(table)
+    farthest = good.groupby(["boundary", "throttle"])["z_hat"].transform("max")
+    return good[good["z_hat"] == farthest].groupby(["boundary", "throttle"])["lift_N"].median()
+
+
+def _weight_N(campaign: Campaign) -> float:
+    return campaign.vehicle.mass * campaign.rig.gravity
+
+
+def _unit_of(campaign: Campaign) -> tuple[str, str]:
+    """The unit that forces were read in, and its key."""
+    if (series := campaign.records.force) is not None:
+        return series.unit, "records.force.unit"
+    return campaign.trials.units.get("lift", "N"), "trials.units.lift"
+
+
+def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> None:
+    """Refuse forces that cannot belong to a vehicle of this weight (mass times gravity).
+
+    Raises
+    ------
+    InputRefused
+        The largest far lift is more than 15 times the weight, or negative. Or it is less than a
+        hundredth (a quarter at a throttle of 75 % and more).
+    """
+    far, weight, (unit, key) = far_lifts(table), _weight_N(campaign), _unit_of(campaign)
+    if far.empty:
+        return
+    side, throttle = far.index[int(far.abs().argmax())]
+    lift = float(far[side, throttle])
+    place, ratio = f"{_far_from(side)} at {100 * throttle:.0f} % throttle", lift / weight
+    least = WEAKEST if throttle >= HIGH_THROTTLE else 1 / TOO_HEAVY
+    if not least <= abs(ratio) <= STRONGEST:
+        times = f"{abs(ratio):.3g} times the weight of {weight:.4g} N"
+        what = f"{place} the lift is {lift:.4g} N, {times}"
+        raise InputRefused(key, what, _other_unit(lift, weight, unit))
+    if ratio < 0:
+        remedy = "lift pulls the cell the other way: change the sign of [records] force"
+        raise InputRefused(key, f"{place} the lift is negative ({lift:.4g} N)", remedy)
+
+
+def _other_unit(lift: float, weight: float, unit: str) -> str:
+    """The units that would make of it 0.3 to 10 times the weight, and how many times."""
+    if unit == "count":
+        gain = f"off by about {abs(lift) / weight:.2g}?"
+        return f"check the calibration's gain ({gain}) and [vehicle] mass"
+    number = abs(lift) / units.to_si(unit, "force", "force")[0]
+    fitting = [
+        f'"{u}" ({units.to_si(u, "force", "force")[0] * number / weight:.2g} times the weight)'
+        for u in units.plausible(number, "force", 0.3 * weight, 10 * weight)
+        if u != unit
+    ]
+    if not fitting:
+        return "no usual unit makes sense of it; check the unit or correct [vehicle] mass"
+    asked = f'is the unit {", or ".join(fitting)}, rather than "{unit}"?'
+    return f"{asked} or correct [vehicle] mass"
+
+
+def odd_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
+    """A note where the largest far lift is possible, but unusual: gf for mN is a factor of ten."""
+    weight, (unit, key) = _weight_N(campaign), _unit_of(campaign)
+    largest = float(far_lifts(table).max())
+    ratio = largest / weight
+    if not (ratio <= ODD[0] or ratio >= ODD[1]):
+        return []
+    said = f"the largest lift far away is {ratio:.3g} times the weight, which is unusual"
+    return [f"{said}; {_other_unit(largest, weight, unit)} ({key} is {unit})"]
+
+
+# ---- single trials
+
+
+def without_lift(table: Mapping[str, NDArray[Any]]) -> BoolArray:
+    """Trials whose lift is not positive, or under a twentieth of their throttle's median."""
+    good = _accepted(table)
+    usual = good.groupby("throttle")["lift_N"].transform("median")
+    stopped = good[(good["lift_N"] <= 0) | (good["lift_N"] < STOPPED * usual)]
+    return _rows(table, stopped.index)
+
+
+def other_throttle(table: Mapping[str, NDArray[Any]]) -> BoolArray:
+    """Trials that lift as those of another throttle do at their place: their label may be wrong.
+
+    Such a trial is more than six times the usual scatter off its own throttle's median. It is
+    within three times of another's. Each throttle has five trials or more. A supply that sags moves
+    lift too, but not onto another throttle whose trials repeat well.
+    """
+    good, cell = _accepted(table), ["boundary", "z_hat", "throttle"]
+    good = good[good.groupby(cell)["lift_N"].transform("size") >= FEWEST_TO_REPEAT]
+    by_cell = good.groupby(cell)["lift_N"]
+    good["median"] = by_cell.transform("median")
+    away = (good["lift_N"] - good["median"]).abs()
+    good["scatter"] = SD_PER_MAD * away.groupby([good[name] for name in cell]).transform("median")
+    levels = good.drop_duplicates(cell)[[*cell, "median", "scatter"]]
+    odd = good[away > 6 * good["scatter"]].reset_index(names="row")
+    pairs = odd.merge(levels, on=cell[:2], suffixes=("", "_other"))
+    off = (pairs["lift_N"] - pairs["median_other"]).abs()
+    near = (pairs["throttle"] != pairs["throttle_other"]) & (off < 3 * pairs["scatter_other"])
+    return _rows(table, pairs.loc[near, "row"])
+
+
+def _rows(table: Mapping[str, NDArray[Any]], rows: Any) -> BoolArray:
+    """Mask of these rows."""
+    mask = np.zeros(len(table["quality"]), dtype=bool)
+    mask[np.asarray(rows, dtype=np.intp)] = True
+    return mask
 
 
 def _outlying(table: Table, side: str) -> list[str]:
     """Mark the trials that repeats and neighbours contradict, and say of each how far off it is."""
     mine = np.flatnonzero(
-        (table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0)
+        (table["boundary"] == side) & ~rejected(table["quality"]) & (table["lift_N"] > 0)
     )
     z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
     seen = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
-    mask = np.zeros(len(table["quality"]), dtype=bool)
-    mask[mine[seen.outlying]] = True
-    _mark(table, "outlying", mask)
+    _mark(table, "outlying", _rows(table, mine[seen.outlying]))
     return [
         f"{table['trial'][mine[i]]} lifts {100 * np.expm1(seen.departure[i]):+.3g} % against its"
         f" repeats and neighbours, {abs(seen.sigmas[i]):.0f} times their scatter: noise does not"
         " reach so far; look at its record and its row"
         for i in np.flatnonzero(seen.outlying)
     ]
+
+
+# ---- the campaign
+
+
+def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float, float]]:
+    """Throttles over which far lift does not rise: (boundary, lower, upper, lift below, above)."""
+    falls = []
+    for side, lifts in far_lifts(table).groupby(level="boundary"):
+        levels, values = lifts.index.get_level_values("throttle").tolist(), lifts.tolist()
+        pairs = zip(levels, levels[1:], values, values[1:], strict=False)
+        falls += [(str(side), *pair) for pair in pairs if pair[3] <= pair[2]]
+    return falls
+
+
+def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float]]:
+    """Throttles without a lift far from the boundary: (boundary, throttle, its farthest z_hat, the
+    boundary's farthest).
+
+    Half of the boundary's farthest station is far enough, and so is free air.
+    """
+    good = _accepted(table)
+    free = good["boundary"] == "none"
+    far = good[~free].groupby(["boundary", "throttle"], as_index=False)["z_hat"].max()
+    far["farthest"] = far.groupby("boundary")["z_hat"].transform("max")
+    known = far["throttle"].isin(good.loc[free, "throttle"])
+    lacking = far[(far["z_hat"] < 0.5 * far["farthest"]) & ~known]
+    return list(lacking.itertuples(index=False, name=None))
+
+
+def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
+    """Ground and ceiling from which no trial is farther than `REACH` radii, if none is in free air:
+    (boundary, its farthest z_hat).
+    """
+    far = _accepted(table).groupby("boundary")["z_hat"].max()
+    if "none" in far:
+        return []
+    return [(s, float(far[s])) for s in ("ground", "ceiling") if s in far and far[s] < REACH]
+
+
+def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
+    """Notes on errors declared as large as what they are of (the least distance, the largest lift),
+    and on a cell worse than any.
+    """
+    good = _accepted(table)
+    least_m = campaign.vehicle.rotor_radius * float(good["z_hat"].min())
+    most_N = float(good["lift_N"].max())
+    limits = {
+        "height": (
+            least_m,
+            f"least distance, {1e3 * least_m:.3g} mm, at which the rotor would have struck",
+        ),
+        "force": (most_N if most_N > 0 else np.inf, f"largest lift, {1e3 * most_N:.3g} mN"),
+    }
+    notes = [
+        f"[[uncertainty]] {u.name!r}: value = {u.value!r} is no less than the {limits[u.on][1]}: is"
+        " the unit right?"
+        for u in campaign.uncertainty
+        if u.on in limits and u.standard() >= limits[u.on][0]
+    ]
+    accuracy, full = campaign.load_cell.accuracy, campaign.load_cell.range
+    if accuracy is not None and full is None:
+        notes.append("load_cell.accuracy is at full range, and counts for nothing without `range`")
+    elif accuracy is not None and full is not None and accuracy > WORST_CELL * full:
+        notes.append(
+            f"load_cell.accuracy is {accuracy / full:.0%} of `range`, where cells have 0.02 to 1 %:"
+            " is it the departure from a straight line, and in that unit?"
+        )
+    return notes
+
+
+def mostly_unsettled(table: Mapping[str, NDArray[Any]]) -> list[str]:
+    """A note where most records begin with another force than they go on with: their rotors-stopped
+    head was not taken off.
+    """
+    good = table["quality"][~rejected(table["quality"])]
+    share = sum("unsettled" in text.split() for text in good) / max(len(good), 1)
+    if share < 0.5:
+        return []
+    note = (
+        f"{share:.0%} of the records begin with another force than they go on with: is `tare` or"
+        " `settle` too short (rotors still at rest), or is sample_rate wrong?"
+    )
+    return [note]

@@ -15,15 +15,15 @@ Technometrics 25, 165 (several outliers at once).
 
 from __future__ import annotations
 
-import functools
-import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln, stdtr
 
 from nearlift.declare import BoolArray, FloatArray, IntArray
-from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered, numbered_pairs
+from nearlift.reduction.stretch import SD_PER_MAD, median
 
 #: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of
 #: freedom carries an outlying trial.
@@ -65,11 +65,6 @@ class Screen:
     sigmas: FloatArray
     why_not: str = ""
 
-    @property
-    def unscreened(self) -> int:
-        """Trials without repeats or neighbours to compare with."""
-        return int(np.isnan(self.sigmas).sum())
-
 
 def screen(
     log_lift: FloatArray,
@@ -91,19 +86,24 @@ def screen(
     """
     n = len(log_lift)
     out, departure, sigmas = np.zeros(n, dtype=bool), np.full(n, np.nan), np.full(n, np.nan)
-    level = numbered(throttle)
     cell = _cells(z_hat, throttle)
     while True:
-        comparisons = _contrasts(
-            np.where(out, np.nan, log_lift), z_hat, level, cell, visit, curve_removed
-        )
-        contrast, scaled, why_not = _scaled(comparisons, level)
+        value = np.where(out, np.nan, log_lift)
+        by_cell = value - _median_of_others(value, cell)
+        by_throttle = value - _median_of_others(value, throttle)
+        # what a distance does to lift is common to its visits: without repeats, only visit mates
+        # can take it off; the sharpest comparison is the first
+        comparisons = [by - _median_of_others(by, visit) for by in (by_cell, by_throttle)]
+        comparisons.append(by_cell)
+        if curve_removed:
+            comparisons.append(value - _median_of_nearest(value, z_hat, throttle))
+        contrast, scaled = _scaled(comparisons, throttle)
         departure[~out], sigmas[~out] = contrast[~out], scaled[~out]
-        if why_not:
-            why_not = "" if out.any() else why_not
+        known = np.isfinite(scaled)
+        if known.sum() < LEAST_TRIALS:
+            why_not = "" if out.any() else _why_not(int(np.isfinite(contrast).sum()))
             return Screen(outlying=out, departure=departure, sigmas=sigmas, why_not=why_not)
         size = np.abs(np.nan_to_num(scaled))
-        known = np.isfinite(scaled)
         beyond = _tail(np.abs(scaled[known]), size) * known.sum() < FAMILY_WISE
         # only the worst among those that enter each other's medians: the rest are looked at again
         # without it
@@ -116,6 +116,14 @@ def screen(
         out |= beyond
 
 
+def _why_not(compared: int) -> str:
+    """The reason why nothing could be screened, by the trials that could be compared."""
+    if compared >= LEAST_TRIALS:
+        return "most trials repeat exactly, so nothing shows how far noise reaches"
+    others = f"{compared} trials have repeats or neighbours to compare with"
+    return f"{others}; at least {LEAST_TRIALS} are needed"
+
+
 def odd_visits(
     log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: IntArray
 ) -> IntArray:
@@ -125,75 +133,43 @@ def odd_visits(
     No outliers yet: an undeclared drift does as much. Arguments as for `screen`.
     """
     off = log_lift - _median_of_others(log_lift, _cells(z_hat, throttle))
-    known = np.flatnonzero(np.isfinite(off))
-    order = known[np.argsort(visit[known], kind="stable")]
-    labels, first = np.unique(visit[order], return_index=True)
-    parts = np.split(off[order], first[1:]) if len(labels) else []
-    common = np.array([np.median(part) for part in parts])
-    scale = SD_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
-    result: IntArray = labels[np.abs(common) > max(ODD_VISIT * scale, SMALLEST_SCALE)]
-    return result
+    labels = np.unique(visit[np.isfinite(off)])
+    common = np.array([abs(np.nanmedian(off[visit == label])) for label in labels])
+    scale = SD_PER_MAD * median(common) if len(common) else 0.0
+    return labels[common > max(ODD_VISIT * scale, SMALLEST_SCALE)]
 
 
 def _cells(z_hat: FloatArray, throttle: FloatArray) -> IntArray:
     """Index of each trial's (distance, throttle) cell."""
-    return numbered_pairs(np.where(np.isfinite(z_hat), z_hat, -1.0), throttle)
+    cells = np.unique(np.stack([throttle, z_hat]), axis=1, return_inverse=True)[1]
+    return cells.astype(np.int64)
 
 
-def _contrasts(
-    value: FloatArray,
-    z_hat: FloatArray,
-    level: IntArray,
-    cell: IntArray,
-    visit: IntArray,
-    curve_removed: bool,
-) -> list[FloatArray]:
-    """Each value (nan: left out) less that of its repeats and neighbours, by every comparison there
-    is, the sharpest first; nan without.
-    """
-    by_cell = value - _median_of_others(value, cell)
-    by_throttle = value - _median_of_others(value, level)
-    # what a distance does to lift is common to its visits: without repeats, only visit mates can
-    # take it off
-    comparisons = [by - _median_of_others(by, visit) for by in (by_cell, by_throttle)]
-    comparisons.append(by_cell)
-    if curve_removed:
-        comparisons.append(value - _median_of_nearest(value, z_hat, level))
-    return comparisons
-
-
-def _scaled(comparisons: list[FloatArray], level: IntArray) -> tuple[FloatArray, FloatArray, str]:
-    """Each trial's sharpest contrast, the same over its robust scale, and why there is none.
+def _scaled(comparisons: list[FloatArray], throttle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Each trial's sharpest contrast, and the same over its robust scale; nan without.
 
     A comparison's scale is that of all trials to which it could be applied, or of those at the same
     throttle where that is larger.
     """
-    contrast, scaled = (np.full(len(level), np.nan) for _ in range(2))
+    contrast, scaled = (np.full(len(throttle), np.nan) for _ in range(2))
     for comparison in comparisons:
         known = np.isfinite(comparison)
         mine = known & np.isnan(contrast)
         if not mine.any():
             continue
-        scale = np.full(len(level), SD_PER_MAD * median(np.abs(comparison[known])))
-        for throttle in distinct(level[mine]):
-            here = known & (level == throttle)
+        size = np.abs(comparison)
+        scale = np.full(len(throttle), SD_PER_MAD * median(size[known]))
+        for level in np.unique(throttle[mine]):
+            here = known & (throttle == level)
             if here.sum() >= OWN_SCALE:
-                scale[here] = np.maximum(scale[here], SD_PER_MAD * median(np.abs(comparison[here])))
+                scale[here] = np.maximum(scale[here], SD_PER_MAD * median(size[here]))
         contrast[mine] = comparison[mine]
         if known.sum() >= LEAST_TRIALS and np.all(scale > SMALLEST_SCALE):
             scaled[mine] = (comparison / scale)[mine]
-    if np.isfinite(scaled).sum() >= LEAST_TRIALS:
-        return contrast, scaled, ""
-    why_not = "most trials repeat exactly, so nothing shows how far noise reaches"
-    if (with_others := np.isfinite(contrast).sum()) < LEAST_TRIALS:
-        why_not = (
-            f"{with_others} trials have repeats or neighbours to compare with; at least"
-            f" {LEAST_TRIALS} are needed"
-        )
-    return contrast, scaled, why_not
+    return contrast, scaled
 
 
-def _groups(value: FloatArray, group: IntArray, rank_by: FloatArray) -> list[NDArray[np.intp]]:
+def _groups(value: FloatArray, group: NDArray[Any], rank_by: FloatArray) -> list[NDArray[np.intp]]:
     """Places of the known values of each group of three or more, rising in `rank_by`."""
     known = np.flatnonzero(np.isfinite(value))
     order = known[np.lexsort((rank_by[known], group[known]))]
@@ -201,7 +177,7 @@ def _groups(value: FloatArray, group: IntArray, rank_by: FloatArray) -> list[NDA
     return [members for members in groups if len(members) > 2]
 
 
-def _median_of_others(value: FloatArray, group: IntArray) -> FloatArray:
+def _median_of_others(value: FloatArray, group: NDArray[Any]) -> FloatArray:
     """Median of the other known values of each one's group; nan with fewer than two others."""
     result = np.full(len(value), np.nan)
     for members in _groups(value, group, value):
@@ -213,10 +189,10 @@ def _median_of_others(value: FloatArray, group: IntArray) -> FloatArray:
     return result
 
 
-def _median_of_nearest(value: FloatArray, z_hat: FloatArray, level: IntArray) -> FloatArray:
+def _median_of_nearest(value: FloatArray, z_hat: FloatArray, throttle: FloatArray) -> FloatArray:
     """Median of the `NEAREST` others at one's throttle by distance; nan with fewer than two."""
     result = np.full(len(value), np.nan)
-    for members in _groups(value, level, z_hat):
+    for members in _groups(value, throttle, z_hat):
         m = len(members)
         width = min(NEAREST, m - 1)
         first = np.clip(np.arange(m) - width // 2, 0, m - 1 - width)
@@ -241,12 +217,11 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
     inverse = np.linspace(TAIL_LIGHTEST, TAIL_HEAVIEST, 15)[:, None]
     dof = 1 / inverse
     scale = ordered[n // 2] * SD_PER_MAD * np.exp(np.linspace(-1.5, 1.0, 41))
+    log_peak = gammaln((dof + 1) / 2) - gammaln(dof / 2) - np.log(np.pi * dof) / 2
     x = body / scale[:, None]
-    density = np.log(_student_peak(dof) / np.sqrt(dof)) - np.log(scale)
     inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]])
-    inside += len(body) * (density + np.log(2))
-    begins = np.maximum(2 * student_tail(dof, start / scale), 1e-300)
-    beyond = np.maximum(2 * student_tail(dof, end / scale), 1e-300)
+    inside += len(body) * (log_peak - np.log(scale) + np.log(2))
+    begins, beyond = (np.maximum(2 * stdtr(dof, -at / scale), 1e-300) for at in (start, end))
     # only what lies beyond the start speaks of the tail, given that it does
     log_weight = (
         weight * inside
@@ -260,36 +235,6 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
     far = size > end
     result = np.ones(len(size))
     result[far] = [
-        float((chance * 2 * student_tail(dof, x / scale)).sum()) * (n - low) / n for x in size[far]
+        float((chance * 2 * stdtr(dof, -at / scale)).sum()) * (n - low) / n for at in size[far]
     ]
     return result
-
-
-def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
-    """Chance that Student's t with `dof` >= 2 degrees of freedom exceeds `x` > 0, to 14 digits.
-
-    With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x.
-    Gauss-Legendre quadrature integrates it over the fourth root of a. The part of scipy for it
-    takes longer to load than a thousand records to reduce.
-    """
-    v, weight = _gauss_legendre()
-    angle, power = np.arctan2(np.sqrt(dof), x)[..., None], dof[..., None]
-    inside = 4 * v ** (4 * power - 1) * np.sinc(angle * v**4 / np.pi) ** (power - 1)
-    return np.asarray(_student_peak(dof) * angle[..., 0] ** dof * (inside @ weight))
-
-
-@functools.cache
-def _gauss_legendre() -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights on the interval from 0 to 1."""
-    # by the eigenvectors of the polynomials' recurrence (Golub & Welsch 1969): numpy's own would
-    # load all of its polynomials
-    k = np.arange(1, 32)
-    root, vectors = np.linalg.eigh(np.diag(k / np.sqrt(4.0 * k**2 - 1), -1))
-    return (root + 1) / 2, vectors[0] ** 2
-
-
-def _student_peak(dof: FloatArray) -> FloatArray:
-    """The density of Student's t at zero times the root of the degrees of freedom."""
-    return np.array(
-        [math.exp(math.lgamma((d + 1) / 2) - math.lgamma(d / 2)) for d in dof.ravel()]
-    ).reshape(dof.shape) / math.sqrt(math.pi)

@@ -3,96 +3,78 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import BoolArray
 
-
-class Code(NamedTuple):
-    """One code: its name, CAPITALS where it rejects the trial, and what it says."""
-
-    name: str
-    meaning: str
-
-    @property
-    def rejects(self) -> bool:
-        """Whether a trial with this code is left out of every fit."""
-        return self.name.isupper()
-
-
-CODES = tuple(
-    Code(name, meaning)
-    for name, meaning in {
-        "MISSING": "the schedule lists the trial, but there is no record of it",
-        "EMPTY": "the file is empty",
-        "MALFORMED": (
-            "the record cannot be read: it is damaged, or contradicts its own structure, its check"
-            " sum or the manifest"
-        ),
-        "PENDING": "the file was still being written; the next run reads it again",
-        "NO_DATA": "no sample is left once tare and settle are taken off",
-        "TOO_SHORT": "fewer than five samples are left: an aborted run",
-        "SHORT": (
-            "less than 95 % of the planned samples; without a planned length: cut off below 95 % of"
-            " the campaign's usual length, or below half of it"
-        ),
-        "OUT_OF_RANGE": "too many samples hold no number (NaN, OVER, #NV)",
-        "SATURATED": "the load cell was at the end of its range",
-        "STUCK": "the channel repeats one value",
-        "GAPS": "the clock column shows that too many samples are missing",
-        "DRIFT": "the force drifts within the record by more than the limit",
-        "MIXED": (
-            "the force steps from one level to another in the middle of the record: two throttles"
-            " in one trial, or samples of it are damaged"
-        ),
-        "HEIGHT": "the traverse did not reach the distance of the schedule",
-        "TARE": (
-            "the force changes within the tare: the rotors were not at rest all through it, or"
-            " samples of it are damaged"
-        ),
-        "IMPLAUSIBLE": "the lift is more than a hundred times the vehicle's weight",
-        "NO_LIFT": (
-            "the mean lift is zero, negative, or a small fraction of its throttle's: the rotors did"
-            " not turn, or pull the other way"
-        ),
-        "DUPLICATE": "the record is byte for byte that of an earlier trial",
-        "EXCLUDED": "excluded by the manifest",
-        "truncated": "the file ends within a line; the cut sample was left out",
-        "short": "fewer samples than planned, or less than 95 % of the campaign's usual ones",
-        "out_of_range": "some samples hold no number and were left out",
-        "gaps": "the clock column shows missing samples",
-        "clock": (
-            "the clock column stops or runs backwards somewhere; the samples' order was kept"
-        ),
-        "drift": "the force drifts within the record, by less than the limit",
-        "slow": (
-            "the level drifts as slowly as the record is long: the uncertainty of its mean is a"
-            " conservative guess"
-        ),
-        "dead_speed": "a rotor's speed reads zero while there is lift",
-        "spikes": (
-            "single readings are impossible or far from all others; they were left out of the mean"
-            " and its uncertainty"
-        ),
-        "saturated": (
-            "single samples were at the end of the load cell's range; they were left out, and the"
-            " uncertainty includes that"
-        ),
-        "unsettled": "the first samples averaged differ from the rest: `settle` may be too short",
-        "other_throttle": (
-            "the lift is that of another throttle at this distance: is the label wrong?"
-        ),
-        "outlying": "the lift is an outlier among its repeats and neighbours",
-        "not_rising": "far from the boundary, this throttle lifts no more than the next lower one",
-    }.items()
-)
-_BY_NAME = {c.name: c for c in CODES}
-#: What a record is that has one of these codes, the worst first.
-_WORDS = {
+#: Codes and their meanings, in the order of a `quality` column.
+CODES = {
+    "MISSING": "the schedule lists the trial, but there is no record of it",
+    "EMPTY": "the file is empty",
+    "MALFORMED": (
+        "the record cannot be read: it is damaged, or contradicts its own structure, its check"
+        " sum or the manifest"
+    ),
+    "PENDING": "the file was still being written; the next run reads it again",
+    "NO_DATA": "no sample is left once tare and settle are taken off",
+    "TOO_SHORT": "fewer than five samples are left: an aborted run",
+    "SHORT": (
+        "less than 95 % of the planned samples; without a planned length: cut off below 95 % of"
+        " the campaign's usual length, or below half of it"
+    ),
+    "OUT_OF_RANGE": "too many samples hold no number (NaN, OVER, #NV)",
+    "SATURATED": "the load cell was at the end of its range",
+    "STUCK": "the channel repeats one value",
+    "GAPS": "the clock column shows that too many samples are missing",
+    "DRIFT": "the force drifts within the record by more than the limit",
+    "MIXED": (
+        "the force steps from one level to another in the middle of the record: two throttles"
+        " in one trial, or samples of it are damaged"
+    ),
+    "HEIGHT": "the traverse did not reach the distance of the schedule",
+    "TARE": (
+        "the force changes within the tare: the rotors were not at rest all through it, or"
+        " samples of it are damaged"
+    ),
+    "IMPLAUSIBLE": "the lift is more than a hundred times the vehicle's weight",
+    "NO_LIFT": (
+        "the mean lift is zero, negative, or a small fraction of its throttle's: the rotors did"
+        " not turn, or pull the other way"
+    ),
+    "DUPLICATE": "the record is byte for byte that of an earlier trial",
+    "EXCLUDED": "excluded by the manifest",
+    "truncated": "the file ends within a line; the cut sample was left out",
+    "short": "fewer samples than planned, or less than 95 % of the campaign's usual ones",
+    "out_of_range": "some samples hold no number and were left out",
+    "gaps": "the clock column shows missing samples",
+    "clock": ("the clock column stops or runs backwards somewhere; the samples' order was kept"),
+    "drift": "the force drifts within the record, by less than the limit",
+    "slow": (
+        "the level drifts as slowly as the record is long: the uncertainty of its mean is a"
+        " conservative guess"
+    ),
+    "dead_speed": "a rotor's speed reads zero while there is lift",
+    "spikes": (
+        "single readings are impossible or far from all others; they were left out of the mean"
+        " and its uncertainty"
+    ),
+    "saturated": (
+        "single samples were at the end of the load cell's range; they were left out, and the"
+        " uncertainty includes that"
+    ),
+    "unsettled": "the first samples averaged differ from the rest: `settle` may be too short",
+    "other_throttle": (
+        "the lift is that of another throttle at this distance: is the label wrong?"
+    ),
+    "outlying": "the lift is an outlier among its repeats and neighbours",
+    "not_rising": "far from the boundary, this throttle lifts no more than the next lower one",
+}
+#: State of a record that has one of these codes, the worst first.
+STATES = {
     "missing": {"MISSING"},
     "pending": {"PENDING"},
     "malformed": {"MALFORMED"},
@@ -102,24 +84,12 @@ _WORDS = {
 EXCLUDED = "EXCLUDED"
 
 
-def code(name: str) -> Code:
-    """The code of that name."""
-    return _BY_NAME[name]
-
-
-def joined(names: Sequence[str]) -> str:
+def joined(names: Iterable[str]) -> str:
     """The text of a `quality` column: codes in the order of `CODES`, each once."""
-    return _joined(tuple(names))
-
-
-# thousands of trials share a few texts
-@functools.lru_cache(maxsize=256)
-def _joined(names: tuple[str, ...]) -> str:
     present = set(names)
-    unknown = present - _BY_NAME.keys()
-    if unknown:
+    if unknown := present - CODES.keys():
         raise KeyError(f"not quality codes: {sorted(unknown)}")
-    return " ".join(c.name for c in CODES if c.name in present)
+    return " ".join(name for name in CODES if name in present) if present else ""
 
 
 def rejected(quality: NDArray[Any]) -> BoolArray:
@@ -127,41 +97,35 @@ def rejected(quality: NDArray[Any]) -> BoolArray:
     return np.array([_rejects(text) for text in quality], dtype=bool)
 
 
+# thousands of trials share a few texts
 @functools.lru_cache(maxsize=256)
 def _rejects(text: str) -> bool:
-    return any(name.isupper() for name in text.split())
-
-
-def reason(text: str, fault: str = "") -> str:
-    """Why a trial was left out, in words, by `quality` and `fault`; empty where it was not."""
-    words = "; ".join(
-        f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects
-    )
-    return f"{words}: {fault}" if words and fault else words
+    return any(map(str.isupper, text.split()))
 
 
 def faulty(quality: NDArray[Any]) -> BoolArray:
     """Mask of the trials rejected for a fault of their own, whether or not also excluded."""
-    return rejected(np.array([text.replace(EXCLUDED, "") for text in quality], dtype=object))
+    return np.array([_rejects(text.replace(EXCLUDED, "")) for text in quality], dtype=bool)
+
+
+def reason(text: str, fault: str = "") -> str:
+    """Why a trial was left out, in words, by `quality` and `fault`; empty where it was not."""
+    words = "; ".join(f"{name} ({CODES[name]})" for name in text.split() if name.isupper())
+    return f"{words}: {fault}" if words and fault else words
 
 
 def remarks(quality: NDArray[Any]) -> list[str]:
     """A line on the codes that reject nothing: how many accepted trials carry each; or none."""
     accepted = [text.split() for text in quality[~rejected(quality)] if text]
-    counts = [
-        f"{c.name} {n}"
-        for c in CODES
-        if not c.rejects and (n := sum(c.name in names for names in accepted))
-    ]
-    if not counts:
+    if not accepted:
         return []
-    count = len(accepted)
-    carry = "s carry" if count > 1 else " carries"
-    return [f"{count} accepted trial{carry} a remark: {', '.join(counts)}"]
+    counts = {name: sum(name in names for names in accepted) for name in CODES}
+    said = ", ".join(f"{name} {n}" for name, n in counts.items() if n)
+    carry = "s carry" if len(accepted) > 1 else " carries"
+    return [f"{len(accepted)} accepted trial{carry} a remark: {said}"]
 
 
-@functools.lru_cache(maxsize=256)
 def completeness(text: str) -> str:
     """A record as its `quality` says: complete, truncated, malformed, pending or missing."""
     names = set(text.split())
-    return next((word for word, signs in _WORDS.items() if names & signs), "complete")
+    return next((state for state, signs in STATES.items() if names & signs), "complete")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray, IntArray
+from nearlift.declare import FloatArray
 
 #: Standard deviations of normal noise in one median absolute deviation.
 SD_PER_MAD = 1.4826
@@ -46,25 +46,6 @@ def median(values: NDArray[Any]) -> float:
     middle = len(values) // 2
     ranked = np.sort(values)
     return float(ranked[middle] if len(values) % 2 else (ranked[middle - 1] + ranked[middle]) / 2)
-
-
-def distinct(values: NDArray[Any]) -> NDArray[Any]:
-    """The values that occur, rising; numpy's would load its masked arrays."""
-    ranked = np.sort(values)
-    first = np.ones(len(ranked), dtype=bool)
-    first[1:] = ranked[1:] != ranked[:-1]
-    return np.compress(first, ranked)
-
-
-def numbered(values: NDArray[Any]) -> IntArray:
-    """The place of each value among those that occur."""
-    return np.searchsorted(distinct(values), values).astype(np.int64)
-
-
-def numbered_pairs(major: NDArray[Any], minor: NDArray[Any]) -> IntArray:
-    """The place of each pair of values among those that occur."""
-    place = numbered(minor)
-    return numbered(numbered(major) * (place.max(initial=0) + 1) + place)
 
 
 def stretch(values: FloatArray, half: int) -> Stretch:

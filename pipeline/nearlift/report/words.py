@@ -18,7 +18,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
-from nearlift.reduction.quality import code, rejected
+from nearlift.reduction.quality import CODES, rejected
 from nearlift.report import relative_lift
 from nearlift.report.evidence import Evidence, Reported, pick
 from nearlift.report.figures import downwash
@@ -177,8 +177,8 @@ def removed(evidence: Evidence) -> str:
     """
     table = evidence.table(TRIALS)
     out = rejected(table["quality"])
-    names = Counter(n for q in table["quality"][out] for n in q.split() if code(n).rejects)
-    why = [f"{code(n).meaning} ({k})" for n, k in names.most_common(MAX_REASONS)]
+    names = Counter(n for q in table["quality"][out] for n in q.split() if n.isupper())
+    why = [f"{CODES[n]} ({k})" for n, k in names.most_common(MAX_REASONS)]
     said = f"{int(out.sum()) or 'none'} left out" + (f": {listed(why)}" if why else "")
     if "n_removed" in table:
         readings = [int(n) for n in table["n_removed"].tolist() if n == n and n > 0]

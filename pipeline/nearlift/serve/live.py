@@ -145,7 +145,7 @@ def _watch(place: CampaignFolder) -> dict[str, object] | None:
 
 
 def _meaning(codes: str) -> str:
-    return "; ".join(f"{name}: {quality.code(name).meaning}" for name in codes.split())
+    return "; ".join(f"{name}: {quality.CODES[name]}" for name in codes.split())
 
 
 def _status(path: Path) -> os.stat_result | None:

@@ -36,9 +36,9 @@ def quality(evidence: Evidence) -> Markup:
     ]
     codes_of = [set(q.split()) for q in trials["quality"]]
     codes = [
-        (c.name, count(TRIALS, n, f"rows with {c.name}"), c.meaning, "yes" if c.rejects else "no")
-        for c in CODES
-        if (n := sum(c.name in names for names in codes_of))
+        (name, count(TRIALS, n, f"rows with {name}"), meaning, "yes" if name.isupper() else "no")
+        for name, meaning in CODES.items()
+        if (n := sum(name in names for names in codes_of))
     ]
     faults = trials["fault"] if "fault" in trials else np.full(len(out), "")
     left_out = [
