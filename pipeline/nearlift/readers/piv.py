@@ -1,4 +1,4 @@
-"""Exported velocity grids: a table of dialects, and their conversion to SI.
+"""Exported velocity grids as they are in a file: a table of dialects over one reader of text.
 
 The dialects are OpenPIV, PIVlab, Insight, DaVis, Dantec and pivpy's netCDF.
 
@@ -38,6 +38,7 @@ DANTEC_DATA = ">>*DATA*<<"
 #: Columns that mark measured vectors, with the value that means measured. Insight, OpenPIV's two,
 #: PIVlab, Dantec.
 MEASURED = {"chc": 1, "flags": 0, "mask": 0, "vector type": 1, "status": 0}
+UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,36 +78,30 @@ class Header:
     """
 
     first: int
-    columns: tuple[tuple[str, str | None], ...]
+    columns: Sequence[tuple[str, str | None]]
     promised: tuple[int, ...] = ()
     stated: Setting = field(default_factory=Setting)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridDialect:
-    """One outside format: its name in ``[piv] format``, and a title for the catalogue.
+    """One outside format: its name in ``[piv] format``.
 
     `recognises` judges a file by its first bytes; no two dialects claim one file. `header` is that
     of a text; `fields` reads a binary file, in the guarded process.
     """
 
     name: str
-    title: str
-    recognises: Callable[[bytes], bool]
+    recognises: Callable[[bytes], object]
     header: Callable[[list[str], str], Header] | None = None
     fields: Callable[[Path], Iterator[Raw]] | None = None
 
-    @property
-    def guarded(self) -> bool:
-        """Whether a library parses the file."""
-        return self.fields is not None
-
     def read(self, path: Path) -> Iterator[Raw]:
         """The fields of a file, one in memory at a time."""
+        if self.header is not None:
+            yield _of_text(path, self.header)
         if self.fields is not None:
             yield from self.fields(path)
-        elif self.header is not None:
-            yield _read_text(path, self.header)
 
 
 def _refusal(where: object, what: str, remedy: str = "export it again") -> InputRefused:
@@ -116,42 +111,48 @@ def _refusal(where: object, what: str, remedy: str = "export it again") -> Input
 # ---- text
 
 
-def _read_text(path: Path, header_of: Callable[[list[str], str], Header]) -> Raw:
+def _of_text(path: Path, header_of: Callable[[list[str], str], Header]) -> Raw:
     """The one field of a text file, its columns found by the header's names and units."""
-    lines = _text_of(path).split("\n")
+    content = content_of(path)
+    if not content:
+        raise _refusal(path, "is empty")
+    try:
+        text = content.decode("utf-16" if content.startswith(UTF16) else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    if "\0" in text:
+        what = "holds zero bytes: it is binary, or was cut off by a loss of power"
+        raise _refusal(path, what, "export it again as text")
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     header = header_of(lines, str(path))
-    names = [name.strip().lower() for name, _ in header.columns]
     table = _table(path, lines, header)
-    places = {letter: _place(header, letter, str(path)) for letter in "xyuv"}
-    good = np.ones(len(table), dtype=bool)
+    column: dict[str, int] = {}
+    for i, (name, _) in enumerate(header.columns):
+        column.setdefault(name.strip().lower(), i)
+    good = np.isfinite(table[:, column["s2n"]]) if "s2n" in column else np.ones(len(table), bool)
     for name, measured in MEASURED.items():
-        if name in names:
-            good &= table[:, names.index(name)] == measured
-    if "s2n" in names:
-        good &= np.isfinite(table[:, names.index("s2n")])
+        if name in column:
+            good &= table[:, column[name]] == measured
     noise = [
-        i
+        np.abs(table[:, i])
         for i, (name, unit) in enumerate(header.columns)
         if name.startswith("uncertainty") and "/" in (unit or "")
     ]
-    said, (length, velocity) = header.stated, (header.columns[places[k]][1] for k in "xu")
-    return Raw(
-        *(table[:, places[letter]] for letter in "xyuv"),
-        good=good,
-        stated=replace(
-            said,
-            length_unit=said.length_unit or length,
-            velocity_unit=said.velocity_unit or velocity,
-        ),
-        noise=np.abs(table[:, noise[0]]) if noise else None,
+    places = [_place(header, letter, path) for letter in "xyuv"]
+    length, velocity = (header.columns[places[k]][1] for k in (0, 2))
+    stated = replace(
+        header.stated,
+        length_unit=header.stated.length_unit or length,
+        velocity_unit=header.stated.velocity_unit or velocity,
     )
+    return Raw(*table.T[places], good=good, stated=stated, noise=noise[0] if noise else None)
 
 
 def _table(path: Path, lines: Sequence[str], header: Header) -> FloatArray:
     """The numbers below a header, a row for each vector; refuses other rows than promised."""
     rows = [line.strip() for line in lines[header.first :]]
-    data = next((row for row in rows if row), None)
-    if data is None:
+    data = next(filter(None, rows), "")
+    if not data:
         raise _refusal(path, "holds a header and no vectors")
     # a comma is the decimal sign where another one separates
     separator = next((sign for sign in "\t;," if sign in data), BLANKS)
@@ -167,28 +168,30 @@ def _table(path: Path, lines: Sequence[str], header: Header) -> FloatArray:
         trailing=trailing,
     )
     whole = Lines(body=body.encode(), where=str(path), line=header.first + 1)
-    table = np.stack(parse(whole, layout, range(count))[0], axis=1)
+    try:
+        table = np.stack(parse(whole, layout, range(count))[0], axis=1)
+    except InputRefused as refusal:
+        raise _refusal(
+            refusal.where, refusal.what, "export it again, with decimal points"
+        ) from None
     if count != len(header.columns):
         what = f"has {count} columns where the header names {len(header.columns)}"
         raise _refusal(f"{path}, line {header.first + 1}", what)
     wide, high = header.promised or (len(table), 1)
     if len(table) != wide * high:
-        raise _refusal(
-            path,
-            f"has {len(table)} rows of {count}, its header promises {wide} x {high} vectors",
-            "it was cut off: export it again",
-        )
+        what = f"has {len(table)} rows of {count}, its header promises {wide} x {high} vectors"
+        raise _refusal(path, what, "it was cut off: export it again")
     return table
 
 
-def _place(header: Header, letter: str, where: str) -> int:
+def _place(header: Header, letter: str, where: Path) -> int:
     """Place of a coordinate or component: in metres rather than in pixels, with a unit first."""
-    fitting = []
-    for i, (name, unit) in enumerate(header.columns):
+    fitting = [
+        (unit is None, (unit or "").lower().split("/")[0] in PIXEL, i)
+        for i, (name, unit) in enumerate(header.columns)
         # Dantec's U pix[pix] names the unit twice
-        if (name.strip().lower().split() or [""])[0] == letter:
-            pixels = (unit or "").lower().split("/")[0] in PIXEL
-            fitting.append((unit is None, pixels, i))
+        if (name.strip().lower().split() or [""])[0] == letter
+    ]
     if not fitting:
         named = ", ".join(name for name, _ in header.columns)
         what = f"names no column {letter.upper()} among {named}"
@@ -196,27 +199,7 @@ def _place(header: Header, letter: str, where: str) -> int:
     return min(fitting)[-1]
 
 
-def _text_of(path: Path) -> str:
-    """A text file, UTF-8 or UTF-16 with its mark, else Latin-1; `InputRefused` of an empty, too
-    large or binary one.
-    """
-    content = content_of(path)
-    if not content:
-        raise _refusal(path, "is empty")
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        text = content.decode("utf-16", errors="replace")
-    else:
-        try:
-            text = content.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = content.decode("latin-1")
-    if "\0" in text:
-        what = "holds zero bytes: it is binary, or was cut off by a loss of power"
-        raise _refusal(path, what, "export it again as text")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def _named(cells: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
+def _named(cells: Sequence[str]) -> list[tuple[str, str | None]]:
     """Name and unit of headings such as ``u [m/s]`` and ``X (mm)[mm]``."""
     named: list[tuple[str, str | None]] = []
     for cell in cells:
@@ -224,7 +207,7 @@ def _named(cells: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
         name, bracket, unit = plain.rpartition("[")
         stated = bracket and unit.endswith("]")
         named.append((name.partition("(")[0].strip(), unit[:-1]) if stated else (plain, None))
-    return tuple(named)
+    return named
 
 
 def openpiv(lines: list[str], where: str) -> Header:
@@ -232,25 +215,22 @@ def openpiv(lines: list[str], where: str) -> Header:
     signal-to-noise ratio. The files state no unit.
     """
     if lines[0].startswith("#"):
-        return Header(first=1, columns=tuple((n, None) for n in lines[0].lstrip("# ").split()))
-    last = {row.split()[-1] for row in lines if row.strip()}
-    if last <= {"0", "1", "2"}:
+        return Header(first=1, columns=[(n, None) for n in lines[0].lstrip("# ").split()])
+    if {row.split()[-1] for row in lines if row.strip()} <= {"0", "1", "2"}:
         raise _refusal(
             where,
             "has a fifth column of flags, and no header says whether 0 or 1 is a good vector",
             'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is good)',
         )
-    return Header(first=0, columns=tuple((name, None) for name in ("x", "y", "u", "v", "s2n")))
+    return Header(first=0, columns=[(name, None) for name in ("x", "y", "u", "v", "s2n")])
 
 
 def _is_openpiv(head: bytes) -> bool:
     first = head.split(b"\n")[0].decode("latin-1")
     if first.startswith("#"):
         return first.lstrip("# ").split()[:4] == ["x", "y", "u", "v"]
-    try:
-        return len([float(cell) for cell in first.split()]) == 5
-    except ValueError:
-        return False
+    cells = first.split()
+    return len(cells) == 5 and all(map(units.NUMBER.fullmatch, cells))
 
 
 def insight(lines: list[str], where: str) -> Header:
@@ -270,7 +250,7 @@ def insight(lines: list[str], where: str) -> Header:
 
     return Header(
         first=1,
-        columns=tuple((name, unit or None) for name, _, unit in names),
+        columns=[(name, unit or None) for name, _, unit in names],
         stated=Setting(
             scale_m=stated("MicrometersPerPixelX"), frame_time_s=stated("MicrosecondsPerDeltaT")
         ),
@@ -286,14 +266,10 @@ def davis(lines: list[str], where: str) -> Header:
     if size is None or len(quantities) < 3:
         what = "is not the header of a two-component vector field"
         raise _refusal(f"{where}, line 1", what, "export 2D vectors as text")
-    quantity, unit = quantities[2]
+    (_, length), _, (quantity, unit) = quantities[:3]
     velocity = f"{unit}/frame" if quantity.lower() == "displacement" else unit
-    length = quantities[0][1]
-    return Header(
-        first=1,
-        columns=(("x", length), ("y", length), ("u", velocity), ("v", velocity)),
-        promised=(int(size[1]), int(size[2])),
-    )
+    columns = [("x", length), ("y", length), ("u", velocity), ("v", velocity)]
+    return Header(first=1, columns=columns, promised=(int(size[1]), int(size[2])))
 
 
 def pivlab(lines: list[str], where: str) -> Header:
@@ -303,37 +279,30 @@ def pivlab(lines: list[str], where: str) -> Header:
     in metres, and then both factors are equal.
     """
     header = [line for line in lines[:3] if re.match(r"\s*(PIVlab|FRAME:|x\s*\[)", line)]
-    named = next((line for line in header if re.match(r"\s*x\s*\[", line)), "")
-    columns = _named(re.split(r"[,;\t]", named)) if named else ()
+    columns = next(
+        (_named(re.split(r"[,;\t]", line)) for line in header if re.match(r"\s*x\s*\[", line)), []
+    )
     if not columns:
         data = next((line for line in lines[len(header) :] if line.strip()), "")
         more = len(re.split(r"[,\t]| +", data.strip())) - 5
-        columns = tuple((n, None) for n in ("x", "y", "u", "v", "vector type", *[""] * more))
+        columns = [(n, None) for n in ("x", "y", "u", "v", "vector type", *[""] * more)]
     stated = Setting()
     for i, line in enumerate(header):
-        if "conversion factor" not in line:
+        _, _, xy = line.partition("conversion factor xy (px -> m):")
+        xy, marked, uv = xy.partition("conversion factor uv (px/frame -> m/s):")
+        if not marked:
             continue
-        factors = _pivlab_factors(line)
-        if factors is None:
-            what = "has conversion factors that are no numbers"
-            raise _refusal(f"{where}, line {i + 1}", what)
-        if factors == (1, 1):
+        # m in a pixel, and m/s in a pixel per frame
+        length, (velocity, rest) = units.measure(xy)[0], units.measure(uv)
+        if length is None or velocity is None or rest.startswith("."):
+            raise _refusal(f"{where}, line {i + 1}", "has conversion factors that are no numbers")
+        stated = Setting(
+            length_unit=columns[0][1] or "m",
+            velocity_unit="m/frame" if length == velocity else columns[2][1] or "m/s",
+        )
+        if length == velocity == 1:
             stated = Setting(length_unit="px", velocity_unit="px/frame")
-        else:
-            velocity = columns[2][1] or "m/s"
-            stated = Setting(
-                length_unit=columns[0][1] or "m",
-                velocity_unit="m/frame" if factors[0] == factors[1] else velocity,
-            )
     return Header(first=len(header), columns=columns, stated=stated)
-
-
-def _pivlab_factors(line: str) -> tuple[float, float] | None:
-    """M in a pixel, and m/s in a pixel per frame; None where either is no number."""
-    _, _, length = line.partition("conversion factor xy (px -> m):")
-    length, _, velocity = length.partition("conversion factor uv (px/frame -> m/s):")
-    xy, (uv, rest) = units.measure(length)[0], units.measure(velocity)
-    return None if xy is None or uv is None or rest.startswith(".") else (xy, uv)
 
 
 def _is_pivlab(head: bytes) -> bool:
@@ -352,19 +321,17 @@ def dantec(lines: list[str], where: str) -> Header:
         raise _refusal(where, what, "export one field per file")
     at = marks[0] + 1
     separator = next((sign for sign in "\t;," if sign in lines[at]), ",")
-    columns = _named(lines[at].strip().strip(separator).split(separator))
     # a displacement in pixels or metres is one between the images of a pair
-    columns = tuple(
+    columns = [
         (name, unit if unit is None or "/" in unit or name[:1] not in "UVuv" else f"{unit}/frame")
-        for name, unit in columns
-    )
+        for name, unit in _named(lines[at].strip().strip(separator).split(separator))
+    ]
     size = re.search(
         r"GridSize\s*+[:;]\s*+\{?\s*+Width\s*+=\s*+(\d{1,9})\s*+,\s*+Height\s*+=\s*+(\d{1,9})\b",
         "\n".join(lines[: at - 1]),
     )
-    return Header(
-        first=at + 1, columns=columns, promised=(int(size[1]), int(size[2])) if size else ()
-    )
+    promised = (int(size[1]), int(size[2])) if size else ()
+    return Header(first=at + 1, columns=columns, promised=promised)
 
 
 # ---- binary files, in the guarded process
@@ -391,11 +358,9 @@ def pivlab_fields(path: Path) -> Iterator[Raw]:
     variables = _version_5(path) if head_of(path, len(V5)) == V5 else _version_73(path)
     stem = next((s for s in ("u_filtered", "u_original", "u") if variables.get(s)), None)
     if stem is None or "x" not in variables or "y" not in variables:
-        raise _refusal(
-            path,
-            f"holds {', '.join(sorted(variables)) or 'nothing'}, not PIVlab's x, y and u_original",
-            "save the PIVlab session",
-        )
+        held = ", ".join(sorted(variables)) or "nothing"
+        what = f"holds {held}, not PIVlab's x, y and u_original"
+        raise _refusal(path, what, "save the PIVlab session")
     v, flags = variables.get("v" + stem[1:], []), variables.get("typevector" + stem[1:], [])
     stated = _pivlab_units(variables, path)
     for i, u in enumerate(variables[stem]):
@@ -433,36 +398,27 @@ def _pivlab_units(variables: Mapping[str, Sequence[Any]], path: Path) -> Setting
 def _version_5(path: Path) -> dict[str, list[Any]]:
     from scipy.io import loadmat
 
-    variables: dict[str, list[Any]] = {}
     content = loadmat(path, squeeze_me=False, chars_as_strings=True)
-    for name in (name for name in content if not name.startswith("__")):
-        array = np.asarray(content[name])
-        if array.dtype.kind in "US":
-            variables[name] = [str(array.ravel()[0])]
-        else:
-            variables[name] = list(array.ravel()) if array.dtype == object else [array]
-    return variables
+    arrays = {name: np.asarray(a) for name, a in content.items() if not name.startswith("__")}
+    return {name: list(a.ravel()) if a.dtype.kind in "USO" else [a] for name, a in arrays.items()}
 
 
 def _version_73(path: Path) -> dict[str, list[Any]]:
     variables: dict[str, list[Any]] = {}
-    numbered: dict[str, dict[int, Any]] = {}
     with _open_hdf5(path) as file:
-        for name, item in file.items():
-            number = re.fullmatch(r"(x|y|u|v|typevector)_(\d+)", name)
-            if not hasattr(item, "shape"):
-                continue
+        arrays = {name: item for name, item in file.items() if hasattr(item, "shape")}
+        # numbered ones in their order: x_0, x_1, ..., x_10
+        for name in sorted(arrays, key=lambda name: (len(name), name)):
+            item, number = arrays[name], re.fullmatch(r"(x|y|u|v|typevector)_\d+", name)
             if number:
-                numbered.setdefault(number[1], {})[int(number[2])] = item[...]
+                variables.setdefault(number[1], []).append(item[...])
             elif name == "units":
                 variables[name] = ["".join(chr(c) for c in np.ravel(item[...]))]
             elif item.dtype == object:
                 variables[name] = [file[reference][...] for reference in np.ravel(item[...])]
             else:
                 variables[name] = [item[...]]
-    return variables | {
-        name: [fields[i] for i in sorted(fields)] for name, fields in numbered.items()
-    }
+    return variables
 
 
 def netcdf_fields(path: Path) -> Iterator[Raw]:
@@ -490,7 +446,7 @@ def netcdf_fields(path: Path) -> Iterator[Raw]:
             _frames(variables[n], n, path) if n in variables else np.full(u.shape, usual)
             for n, usual in (("chc", 1.0), ("mask", 0.0))
         )
-        frame = float(np.ravel(dataset.attrs["delta_t"])[0]) if "delta_t" in dataset.attrs else 0.0
+        frame = float(np.ravel(dataset.attrs.get("delta_t", 0.0))[0])
         stated = Setting(
             length_unit=_unit_of(variables["x"]),
             velocity_unit=_unit_of(variables["u"]),
@@ -521,84 +477,60 @@ def _unit_of(variable: Any) -> str | None:
 
 # ---- the table of dialects
 
-DIALECTS = (
-    GridDialect(
-        name="insight",
-        title="TSI Insight .vec",
-        recognises=lambda head: (
-            head.lstrip().startswith(b"TITLE=") and b"VARIABLES=" in head and b'"CHC"' in head
-        ),
-        header=insight,
-    ),
-    GridDialect(
-        name="davis",
-        title="LaVision DaVis text",
-        recognises=lambda head: head.startswith(b"#DaVis"),
-        header=davis,
-    ),
-    GridDialect(
-        name="openpiv",
-        title="OpenPIV text, with or without header",
-        recognises=_is_openpiv,
-        header=openpiv,
-    ),
-    GridDialect(name="pivlab", title="PIVlab ASCII chart", recognises=_is_pivlab, header=pivlab),
-    GridDialect(
-        name="dantec",
-        title="Dantec DynamicStudio export, CSV or TAB",
-        recognises=lambda head: head.lstrip().startswith(b">>*HEADER*<<"),
-        header=dantec,
-    ),
-    GridDialect(
-        name="pivlab_mat",
-        title="PIVlab MATLAB file, version 5 or 7.3",
-        recognises=lambda head: (
-            head.startswith((V5, V73)) or (head.startswith(MAGIC) and b"typevector" in head)
-        ),
-        fields=pivlab_fields,
-    ),
-    GridDialect(
-        name="netcdf",
-        title="netCDF in pivpy's layout",
-        recognises=lambda head: (
-            (head.startswith(MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
-        ),
-        fields=netcdf_fields,
-    ),
-)
+
+def _is_insight(head: bytes) -> bool:
+    return head.lstrip().startswith(b"TITLE=") and b"VARIABLES=" in head and b'"CHC"' in head
+
+
+def _is_pivlab_mat(head: bytes) -> bool:
+    return head.startswith((V5, V73)) or (head.startswith(MAGIC) and b"typevector" in head)
+
+
+def _is_netcdf(head: bytes) -> bool:
+    return (head.startswith(MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
+
+
+DIALECTS = {
+    dialect.name: dialect
+    for dialect in (
+        GridDialect(name="insight", recognises=_is_insight, header=insight),
+        GridDialect(name="davis", recognises=re.compile(rb"#DaVis").match, header=davis),
+        GridDialect(name="openpiv", recognises=_is_openpiv, header=openpiv),
+        GridDialect(name="pivlab", recognises=_is_pivlab, header=pivlab),
+        GridDialect(name="dantec", recognises=re.compile(rb"\s*>>\*HEADER").match, header=dantec),
+        GridDialect(name="pivlab_mat", recognises=_is_pivlab_mat, fields=pivlab_fields),
+        GridDialect(name="netcdf", recognises=_is_netcdf, fields=netcdf_fields),
+    )
+}
 
 
 def dialect_of(name: str) -> GridDialect:
     """The dialect of that name; `ManifestError` with the nearest if there is none."""
-    known = {d.name: d for d in DIALECTS}
-    if name not in known:
-        raise ManifestError(
-            "piv.format",
-            f"there is no format {name!r}",
-            did_you_mean(name, known) or f"formats are {', '.join(known)}",
-        )
-    return known[name]
+    if name not in DIALECTS:
+        near = did_you_mean(name, DIALECTS) or f"formats are {', '.join(DIALECTS)}"
+        raise ManifestError("piv.format", f"there is no format {name!r}", near)
+    return DIALECTS[name]
 
 
 def claimed_by(path: Path) -> GridDialect:
     """The one dialect that claims a file; `InputRefused` where none does, or more than one."""
     head = head_of(path, HEAD)
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if head.startswith(UTF16):
         head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode()
     head = head.removeprefix(b"\xef\xbb\xbf")
     if b"\0" not in head:
         head = head.replace(b"\r\n", b"\n")
     if not head:
         raise _refusal(path, "is empty")
-    claimed = [d for d in DIALECTS if d.recognises(head)]
-    if len(claimed) == 1:
-        return claimed[0]
-    names = ", ".join(d.name for d in claimed or DIALECTS)
-    raise InputRefused(
-        str(path),
-        f"could be any of {names}" if claimed else "is of no known format",
-        f'say format = "..." under [piv]; formats are {", ".join(d.name for d in DIALECTS)}',
-    )
+    claimed = [d for d in DIALECTS.values() if d.recognises(head)]
+    if len(claimed) != 1:
+        what = f"could be {' or '.join(d.name for d in claimed)}"
+        raise _refusal(
+            path,
+            what if claimed else "is of no known format",
+            f'say format = "..." under [piv]; formats are {", ".join(DIALECTS)}',
+        )
+    return claimed[0]
 
 
 # ---- fields as they are in a file
@@ -609,7 +541,7 @@ def raws(path: Path, dialect: GridDialect) -> Iterator[Raw]:
 
     `InputRefused` as by the dialect's own reader, or where that crashed or came to a limit.
     """
-    if not dialect.guarded:
+    if dialect.fields is None:
         yield from dialect.read(path)
         return
     done, more = 0, True

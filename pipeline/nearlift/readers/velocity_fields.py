@@ -38,28 +38,21 @@ def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
         A unit is unknown or contradicts the manifest. Pixels have no scale, or displacements no
         frame time. Every vector is zero or missing. The grid is not rectangular and even.
     """
-    file = raw.stated
-    length = _one(file.length_unit, setting.length_unit, "length_unit", '"mm"', where)
-    example = '"m/s" (or "px/frame")'
-    velocity = _one(file.velocity_unit, setting.velocity_unit, "velocity_unit", example, where)
-    scale_m = setting.scale_m if file.scale_m is None else file.scale_m
-    per_length = _length(length, scale_m, where)
-    per_velocity = _velocity(velocity, scale_m, file.frame_time_s or setting.frame_time_s, where)
+    scale_m = setting.scale_m if raw.stated.scale_m is None else raw.stated.scale_m
+    per_length = _length(_agreed(raw, setting, "length_unit", where), scale_m, where)
+    per_velocity = _velocity(
+        _agreed(raw, setting, "velocity_unit", where),
+        scale_m,
+        raw.stated.frame_time_s or setting.frame_time_s,
+        where,
+    )
     u, v = np.asarray(raw.u, dtype=float), np.asarray(raw.v, dtype=float)
     nothing = (u == 0) & (v == 0)
-    if len(u) and nothing.all():
-        raise InputRefused(
-            where,
-            "every vector is zero",
-            "an export that took the mask for validity? export it again",
-        )
     good = raw.good & np.isfinite(u) & np.isfinite(v) & ~nothing
     if not good.any():
-        raise InputRefused(
-            where,
-            f"none of its {len(u)} vectors is valid",
-            "check the mask and the flags of the export",
-        )
+        zero = "every vector is zero; " if len(u) and nothing.all() else ""
+        what = f"{zero}none of its {len(u)} vectors is valid"
+        raise InputRefused(where, what, "check the mask and the flags of the export")
     columns = [np.where(good, per_velocity * u, np.nan), np.where(good, per_velocity * v, np.nan)]
     if raw.noise is not None:
         columns.append(np.where(good & (raw.noise > 0), abs(per_velocity) * raw.noise, np.nan))
@@ -68,19 +61,17 @@ def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
     return VelocityField(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=noise)
 
 
-def _one(stated: str | None, manifest: str | None, key: str, example: str, where: str) -> str:
+def _agreed(raw: Raw, setting: Setting, key: str, where: str) -> str:
     """The unit of a file or of the manifest; both must agree."""
+    stated, manifest = getattr(raw.stated, key), getattr(setting, key)
     if stated is None and manifest is None:
-        raise InputRefused(
-            where, f"does not say its {key.replace('_', ' ')}", f"add {key} = {example} under [piv]"
-        )
-    if stated is not None and manifest is not None and _plain(stated) != _plain(manifest):
-        raise InputRefused(
-            where,
-            f"says {stated!r} where the manifest's {key} is {manifest!r}",
-            f"leave {key} out, or export in {manifest!r}",
-        )
-    return _plain(stated if stated is not None else manifest or "")
+        example = '"mm"' if key == "length_unit" else '"m/s" (or "px/frame")'
+        what = f"does not say its {key.replace('_', ' ')}"
+        raise InputRefused(where, what, f"add {key} = {example} under [piv]")
+    if None not in (stated, manifest) and _plain(stated) != _plain(manifest):
+        what = f"says {stated!r} where the manifest's {key} is {manifest!r}"
+        raise InputRefused(where, what, f"leave {key} out, or export in {manifest!r}")
+    return _plain(manifest if stated is None else stated)
 
 
 def _plain(unit: str) -> str:
@@ -96,28 +87,23 @@ def _length(unit: str, scale_m: float | None, where: str) -> float:
     if unit != "px":
         return _factor(unit, "length", where)
     if scale_m is None:
-        raise InputRefused(
-            where,
-            "is in pixels, and nothing says how large a pixel is",
-            'add scale = "20 um/px" under [piv]',
-        )
+        what = "is in pixels, and nothing says how large a pixel is"
+        raise InputRefused(where, what, 'add scale = "20 um/px" under [piv]')
     return scale_m
 
 
 def _velocity(unit: str, scale_m: float | None, frame_time_s: float | None, where: str) -> float:
     """m/s in a unit of velocity, or of displacement between a pair's images."""
     head, _, tail = unit.partition("/")
-    if tail not in ("frame", "") and head != "px":
-        return _factor(unit, "velocity", where)
-    length = _length(head, scale_m, where)
     if tail not in ("frame", ""):
-        return length / _factor(tail, "time", where)
+        if head != "px":
+            return _factor(unit, "velocity", where)
+        return _length(head, scale_m, where) / _factor(tail, "time", where)
+    length = _length(head, scale_m, where)
     if frame_time_s is None:
-        raise InputRefused(
-            where,
-            f"holds displacements ({unit}), not velocities",
-            'add frame_time = "100 us", the time between a pair\'s images',
-        )
+        what = f"holds displacements ({unit}), not velocities"
+        remedy = 'add frame_time = "100 us", the time between a pair\'s images'
+        raise InputRefused(where, what, remedy)
     return length / frame_time_s
 
 
@@ -136,18 +122,12 @@ def files_of(root: Path, case: PivCase) -> list[Path]:
     """
     where = f"piv case {case.name!r}: files"
     if Path(case.files).is_absolute() or ".." in Path(case.files).parts:
-        raise ManifestError(
-            where,
-            f"{case.files!r} leads outside the campaign's folder",
-            "put the files themselves into the folder",
-        )
+        what = f"{case.files!r} leads outside the campaign's folder"
+        raise ManifestError(where, what, "put the files themselves into the folder")
     names = [source_of(root, path) for path in root.glob(case.files) if path.is_file()]
     if not names:
-        raise ManifestError(
-            where,
-            f"no file matches {case.files!r} in {root}",
-            'write a pattern such as "piv/ground-3.4/*.txt"',
-        )
+        what = f"no file matches {case.files!r} in {root}"
+        raise ManifestError(where, what, 'write a pattern such as "piv/ground-3.4/*.txt"')
     return [inside(root, name, where) for name in sorted(names, key=_natural)]
 
 
@@ -176,10 +156,9 @@ class Stream:
         )
         lie = {name: said(name) for name in ("thrust", "across")}
         lie |= {"origin_m": said("origin"), "v_sign": said("v_sign", 1)}
-        hidden = said("mask", [])
         for path in self.files:
             try:
                 for field in read(path, setting, said("format")):
-                    yield masked(orient(field, **lie), hidden)
+                    yield masked(orient(field, **lie), said("mask", []))
             except InputRefused as refusal:
                 self.refused.append((source_of(self.root, path), refusal))
