@@ -50,8 +50,8 @@ def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
     nothing = (u == 0) & (v == 0)
     good = raw.good & np.isfinite(u) & np.isfinite(v) & ~nothing
     if not good.any():
-        zero = "every vector is zero; " if len(u) and nothing.all() else ""
-        what = f"{zero}none of its {len(u)} vectors is valid"
+        zero = len(u) and nothing.all()
+        what = "every vector is zero" if zero else f"none of its {len(u)} vectors is valid"
         raise InputRefused(where, what, "check the mask and the flags of the export")
     columns = [np.where(good, per_velocity * u, np.nan), np.where(good, per_velocity * v, np.nan)]
     if raw.noise is not None:
