@@ -85,13 +85,14 @@ class Header:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridDialect:
-    """One outside format: its name in ``[piv] format``.
+    """One outside format: its name in ``[piv] format``, and a title for the catalogue.
 
     `recognises` judges a file by its first bytes; no two dialects claim one file. `header` is that
     of a text; `fields` reads a binary file, in the guarded process.
     """
 
     name: str
+    title: str
     recognises: Callable[[bytes], object]
     header: Callable[[list[str], str], Header] | None = None
     fields: Callable[[Path], Iterator[Raw]] | None = None
@@ -490,17 +491,28 @@ def _is_netcdf(head: bytes) -> bool:
     return (head.startswith(MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
 
 
+_TABLE: tuple[tuple[str, str, Callable[[bytes], object], dict[str, Any]], ...] = (
+    ("insight", "TSI Insight .vec", _is_insight, {"header": insight}),
+    ("davis", "LaVision DaVis text", re.compile(rb"#DaVis").match, {"header": davis}),
+    ("openpiv", "OpenPIV text, with or without header", _is_openpiv, {"header": openpiv}),
+    ("pivlab", "PIVlab ASCII chart", _is_pivlab, {"header": pivlab}),
+    (
+        "dantec",
+        "Dantec DynamicStudio export, CSV or TAB",
+        re.compile(rb"\s*>>\*HEADER\*<<").match,
+        {"header": dantec},
+    ),
+    (
+        "pivlab_mat",
+        "PIVlab MATLAB file, version 5 or 7.3",
+        _is_pivlab_mat,
+        {"fields": pivlab_fields},
+    ),
+    ("netcdf", "netCDF in pivpy's layout", _is_netcdf, {"fields": netcdf_fields}),
+)
 DIALECTS = {
-    dialect.name: dialect
-    for dialect in (
-        GridDialect(name="insight", recognises=_is_insight, header=insight),
-        GridDialect(name="davis", recognises=re.compile(rb"#DaVis").match, header=davis),
-        GridDialect(name="openpiv", recognises=_is_openpiv, header=openpiv),
-        GridDialect(name="pivlab", recognises=_is_pivlab, header=pivlab),
-        GridDialect(name="dantec", recognises=re.compile(rb"\s*>>\*HEADER").match, header=dantec),
-        GridDialect(name="pivlab_mat", recognises=_is_pivlab_mat, fields=pivlab_fields),
-        GridDialect(name="netcdf", recognises=_is_netcdf, fields=netcdf_fields),
-    )
+    name: GridDialect(name=name, title=title, recognises=recognises, **reading)
+    for name, title, recognises, reading in _TABLE
 }
 
 
