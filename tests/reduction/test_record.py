@@ -517,6 +517,24 @@ def test_a_spin_up_that_settle_should_have_covered() -> None:
     assert reduced(force, settle_s=0.5).codes == ()
 
 
+@pytest.mark.parametrize("head_s", [0.3, 0.9, 1.9, 2.1, 3.0])
+@pytest.mark.parametrize("spin_s", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("tare_s", [1.0, 2.0])
+def test_a_tare_that_is_not_the_head_is_refused_or_found(
+    head_s: float, spin_s: float, tare_s: float
+) -> None:
+    """A tare longer than the head holds running rotors; one that is shorter leaves some rest."""
+    rng = np.random.default_rng([26, round(10 * head_s)])
+    since = np.arange(12000) / RATE - head_s
+    lift = 0.24 * np.where(since < 0, 0, 1 - np.exp(-3 * since.clip(0) / max(spin_s, 1e-9)))
+    got = reduced(0.05 + lift + rng.normal(0, 3e-3, 12000), tare_s=tare_s)
+    if tare_s > head_s:
+        assert "TARE" in got.codes
+    else:
+        assert got.codes == ("unsettled",)
+        assert abs(got.lift_N - 0.24) < 4 * got.u_lift_N < 0.003 * 0.24
+
+
 # ---- the clock
 
 

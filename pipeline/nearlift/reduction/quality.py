@@ -66,7 +66,10 @@ CODES = {
         "single samples were at the end of the load cell's range; they were left out, and the"
         " uncertainty includes that"
     ),
-    "unsettled": "the first samples averaged differ from the rest: `settle` may be too short",
+    "unsettled": (
+        "the first samples differ from the rest, and those of rotors that start were left out:"
+        " `tare` or `settle` may be too short"
+    ),
     "other_throttle": (
         "the lift is that of another throttle at this distance: is the label wrong?"
     ),

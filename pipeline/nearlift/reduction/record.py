@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from nearlift.reduction.samples import (
     stuck,
     without_strays,
 )
+from nearlift.reduction.start import steady_after
 from nearlift.reduction.stretch import SD_PER_MAD, median
 from nearlift.reduction.tare import zero_of
 
@@ -70,7 +71,8 @@ def reduce_record(
     The record's clock, `time_s` (n,), where there is one, shows gaps and ends tare and settle; else
     samples are counted. The zero reading after the trial, `tare_after_N`, only judges the drift of
     the zero. The tare subtracted is that of the head. Where the record is a piece of a longer one,
-    it is `tare_N` (m,). `codes` are what the reader noticed.
+    it is `tare_N` (m,). `codes` are what the reader noticed. Rotors that start only after tare and
+    settle give `unsettled`: the mean begins where their lift is steady.
 
     Raises
     ------
@@ -120,8 +122,16 @@ def reduce_record(
     if slow := outlasting(live.values, run.batches, u2, rate_Hz):
         u2 = slow.variance
         flags += ["slow"] if slow.is_too_long else []
-    flags += _drifts(slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, allowed)
-    flags += _unsettled(run.batches, lift)
+    moving = _drifts(slope * n / rate_Hz, u_slope * n / rate_Hz, math.nan, allowed)
+    moving += _unsettled(run.batches, lift)
+    if moving and tare_N is None and (later := steady_after(force_N, start, rate_Hz)):
+        # the rotors started only after tare and settle
+        late = replace(conditions, settle_s=conditions.settle_s + later / rate_Hz)
+        settled = reduce_record(
+            force_N, late, time_s=time_s, tare_after_N=tare_after_N, codes=codes, where=where
+        )
+        return replace(settled, codes=tuple(dict.fromkeys((*settled.codes, "unsettled"))))
+    flags += _drifts(math.nan, math.inf, tare_after_N - zero, allowed) + moving
     return Reduced(
         lift_N=lift,
         u_lift_N=math.sqrt(u2 + u2_tare),

@@ -57,6 +57,20 @@ def start_of(force: FloatArray, rate_Hz: float) -> RotorStart | None:
     return None if steady is None else RotorStart(begins, steady)
 
 
+def steady_after(force: FloatArray, first: int, rate_Hz: float) -> int:
+    """Samples from `first` on before the lift is steady; 0 where it is, or no start is detectable.
+
+    The lift is taken for steady after twice the time that it took to come within the band: an
+    exponential approach is then within 1 %. At most half of the samples are left out.
+    """
+    start = start_of(force, rate_Hz)
+    if start is None:
+        return 0
+    rise = start.steady_from - start.rest_ends
+    later = start.rest_ends + 2 * rise + max(WIDTH, round(LASTS_S * rate_Hz)) - first
+    return later if start.steady_from > first and 2 * later < len(force) - first else 0
+
+
 def _first_that_lasts(
     mask: np.ndarray[tuple[int], np.dtype[np.bool_]], at: int, lasts: int
 ) -> int | None:
