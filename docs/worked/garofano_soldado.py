@@ -206,7 +206,7 @@ def save(figure: Figure, name: str) -> None:
 if __name__ == "__main__":
     found = configurations(Path(sys.argv[1]))
     look = Style()
-    with context(look):
+    with context():
         save(draw_models(found, look), "garofano-models")
         save(draw_tilt(found, look), "garofano-tilt")
     rows = [

@@ -22,7 +22,6 @@ from nearlift.report.evidence import pick as rows
 from nearlift.report.figures import binning, fig2, residuals
 from nearlift.report.phrases import coefficient_text
 from nearlift.report.tables import csv as to_csv
-from nearlift.results.quotation import LargestShifts, Shift
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
 from nearlift.stages.gathering import gather
@@ -328,32 +327,6 @@ def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evid
         np.testing.assert_allclose(line[column], drawn, rtol=1e-9)
     fitted = 100 * (model(plain["z_hat"], **known, **fit.values) - 1)
     np.testing.assert_allclose(plain["delta_L_percent"], fitted, rtol=1e-9)
-
-
-def test_what_a_coefficient_hangs_on_is_ringed(evidence, monkeypatch):
-    """A trial that moves K_b by more than half its uncertainty marks its cell, one that moves it
-    less none.
-    """
-    own, before = evidence.quoted("ground"), type(evidence).quoted
-    trial = str(evidence.observations["ground"].trial[3])
-    u = own.coefficients["K_b"].u
-    for share, count in ((0.6, 1), (0.4, 0)):
-        leaning = LargestShifts(trial=Shift(id=trial, shift=-share * u))
-        told = {"K_b": dataclasses.replace(own.coefficients["K_b"], influence=leaning)}
-        moved = dataclasses.replace(own, coefficients=told)
-        monkeypatch.setattr(
-            type(evidence),
-            "quoted",
-            lambda self, b, moved=moved: moved if b == "ground" else before(self, b),
-        )
-        ring = rows(fig2.table(evidence), panel="ground", kind="influence")
-        assert len(ring["z_hat"]) == count
-        if count:
-            assert ring["z_hat"][0] == evidence.observations["ground"].z_hat[3]
-            assert set(ring["label"]) == {f"trial {trial}: K_b by −0.6 u"}
-        text = fig2.influence_note(evidence, "ground")
-        assert ("Rings" in text) == bool(count)
-        assert ("more than 0.4 u" in text) == (not count)
 
 
 def test_every_row_of_the_table_can_be_drawn(evidence, table):

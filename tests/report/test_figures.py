@@ -103,7 +103,7 @@ def test_figures_have_the_widths_of_the_manifest(make_job):
     look, table = style.style_of(job.campaign), fig2.table(gather(job))
     assert look.radius_mm is None
     one = table[table["panel"] == "ground"]
-    with style.context(look):
+    with style.context():
         for rows, width_mm in ((table, 183), (one, 89)):
             figure = fig2.draw(rows, look)
             assert 25.4 * figure.get_figwidth() == pytest.approx(width_mm)
@@ -216,7 +216,7 @@ def test_distances_in_millimetres_move_the_axis_and_nothing_else(small_job, tabl
         (fig2.draw, table),
         (residuals.draw, residuals.table(gather(small_job))),
     ):
-        with style.context(over):
+        with style.context():
             one, other = (
                 next(ax for ax in draw(rows, unit).axes if ax.get_xlabel()) for unit in (over, far)
             )

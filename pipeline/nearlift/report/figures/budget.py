@@ -6,30 +6,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter, mathematics
-from nearlift.report.evidence import Evidence, groups, pick, records
+from nearlift.report.evidence import Evidence, groups, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style
+from nearlift.report.figures.style import SERIES, Style
 from nearlift.report.tables import fall
 from nearlift.results.quotation import CoefficientResult
 from nearlift.stages.fit import FIT
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
 #: not drawn; what was declared always is.
-LEAST = 0.002
-COLUMNS = ("panel", "parameter", "component", "type", "fall_percent", "u", "u_without")
-LOOKS: dict[str, Look] = {
-    kind: {"facecolor": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.0}
-    for kind, colour, hatch in (("A", SERIES[0][0], ""), ("B", SERIES[1][0], "////"))
+MIN_FALL = 0.002
+COLUMNS = ["panel", "parameter", "component", "type", "fall_percent", "u", "u_without"]
+#: Types of evaluation: colour, hatch and meaning.
+TYPES = {
+    "A": (SERIES[0][0], "", "type A: from repeats"),
+    "B": (SERIES[1][0], "////", "type B: stated"),
 }
-MEANINGS = {"A": "type A: from repeats", "B": "type B: stated"}
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
@@ -49,19 +48,21 @@ def table(evidence: Evidence) -> pd.DataFrame:
 
 def bars(budgets: Sequence[tuple[Boundary, str, CoefficientResult]]) -> pd.DataFrame:
     """The table of these coefficients' budgets."""
-    rows = [
-        (b, name, part.source, part.kind, 100 * fall(part, c.u), part.u, part.u_without)
-        for b, name, c in budgets
-        for part in c.budget
-    ]
-    every = pd.DataFrame(rows, columns=list(COLUMNS))
-    of_source = every.groupby("component")["fall_percent"]
-    shown = (of_source.transform("max") >= 100 * LEAST) | (every["type"] == "B")
-    every = every.assign(total=-of_source.transform("sum"))[shown]
+    every = pd.DataFrame(
+        [
+            (b, name, part.source, part.kind, 100 * fall(part, c.u), part.u, part.u_without)
+            for b, name, c in budgets
+            for part in c.budget
+        ],
+        columns=COLUMNS,
+    )
+    falls = every.groupby("component")["fall_percent"]
     # panels as they come, sources by their sum
     order = every.groupby(["panel", "parameter"], sort=False).ngroup()
-    every = every.assign(order=order).sort_values(["order", "total"], kind="stable")
-    return every[list(COLUMNS)].reset_index(drop=True)
+    every = every.assign(order=order, total=-falls.transform("sum"))
+    shown = (falls.transform("max") >= 100 * MIN_FALL) | (every["type"] == "B")
+    every = every[shown].sort_values(["order", "total"], kind="stable")
+    return every[COLUMNS].reset_index(drop=True)
 
 
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
@@ -78,26 +79,31 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """Panels side by side share the list of sources."""
     panels = groups(table, "panel", "parameter")
     total = table.groupby("component", sort=False)["fall_percent"].sum()
     components = list(total.sort_values(ascending=False, kind="stable").index)
-    height = (0.19 * len(components) + 0.75) * look.text_pt / 8
+    height = 0.19 * len(components) + 0.75
     figure, axes = style.canvas(look, 1, len(panels), height, look.double_in, sharey=True)
-    titles = style.lettered([f"{mathematics(name)}, {boundary}" for boundary, name in panels])
-    for title, ax, (boundary, name) in zip(titles, axes[0], panels, strict=True):
-        for row in records(pick(table, panel=boundary, parameter=name)):
-            y = components.index(row.component)
-            ax.barh(y, row.fall_percent, height=0.7, **LOOKS[str(row.type)])
-            style.note(ax, _percent(row.fall_percent), (row.fall_percent, y), (3, 0), va="center")
+    style.title(axes[0], [f"{mathematics(name)}, {boundary}" for boundary, name in panels])
+    for ax, (boundary, name) in zip(axes[0], panels, strict=True):
+        rows = pick(table, panel=boundary, parameter=name)
+        colours, hatches, _ = zip(*(TYPES[kind] for kind in rows["type"]), strict=True)
+        drawn = ax.barh(
+            [components.index(c) for c in rows["component"]], rows["fall_percent"], height=0.7,
+            color=colours, hatch=hatches, edgecolor="white", linewidth=0,
+        )  # fmt: skip
+        ax.bar_label(drawn, map(_percent, rows["fall_percent"]), padding=3, size=style.SMALL_PT)
         ax.set_yticks(range(len(components)), [style.effects(c) for c in components])
-        ax.set(ylim=(len(components) - 0.4, -0.6), xlim=(0, 124), xticks=[0, 50, 100], title=title)
+        ax.set(ylim=(len(components) - 0.4, -0.6), xlim=(0, 124), xticks=[0, 50, 100])
         ax.tick_params(axis="y", length=0)
-    words = "fall of the standard uncertainty if the source were known exactly (%)"
-    figure.supxlabel(words, fontsize=look.text_pt)
-    kinds = [kind for kind in LOOKS if np.any(table["type"] == kind)]
-    handles = [Patch(label=MEANINGS[kind], **LOOKS[kind]) for kind in kinds]
+    figure.supxlabel("fall of the standard uncertainty if the source were known exactly (%)")
+    handles = [
+        Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0, label=meaning)
+        for kind, (colour, hatch, meaning) in TYPES.items()
+        if (table["type"] == kind).any()
+    ]
     figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
 
@@ -109,12 +115,6 @@ def _percent(fall: float) -> str:
 
 
 FIGURE = FigureSpec(
-    name="budget",
-    title="Whose error it is",
-    needs=(FIT,),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="fall_percent",
-    within=("panel", "parameter"),
-)
+    "budget", "Whose error it is", (FIT,), table, caption, draw, "fall_percent",
+    ("panel", "parameter"),
+)  # fmt: skip

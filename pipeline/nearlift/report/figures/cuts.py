@@ -8,13 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from nearlift.readers.segments import Segmented
-from nearlift.report.figures.style import SERIES, Style, canvas, context, plain_text
+from nearlift.report.figures.style import SERIES, context, plain_text
 
 #: Records in one picture, and points of a line: more than a page has pixels show nothing.
 MOST_RECORDS, MOST_POINTS = 12, 4000
-HEIGHT_IN = 1.6
+WIDTH_IN, HEIGHT_IN = 6.75, 1.6
 
 
 def picture(records: Sequence[Segmented], rate_Hz: float) -> bytes:
@@ -24,9 +25,10 @@ def picture(records: Sequence[Segmented], rate_Hz: float) -> bytes:
     with its number. What is not shaded is thrown away.
     """
     shown = [r for r in records if len(r.record.force_N)][:MOST_RECORDS]
-    rows, look = max(len(shown), 1), Style(height_in=math.inf)
-    with context(look):
-        figure, axes = canvas(look, rows, 1, HEIGHT_IN * rows + 0.6, look.double_in)
+    rows = max(len(shown), 1)
+    with context():
+        figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN * rows + 0.6), layout="constrained")
+        axes = figure.subplots(rows, 1, squeeze=False)
         for ax, record in zip(axes[:, 0], shown, strict=False):
             _draw(ax, record, rate_Hz)
         axes[-1, 0].set_xlabel("time from the record's first sample (s)")

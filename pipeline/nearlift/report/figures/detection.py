@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,7 +16,7 @@ from nearlift.declare import BOUNDARIES
 from nearlift.report.evidence import Evidence, Part, frame, pick, records
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, FITTED, SERIES, Look, Style
+from nearlift.report.figures.style import FITTED, SERIES, SMALL_PT, Style
 from nearlift.rounding import plain
 from nearlift.stages.detect import DETECTION, PROXIMITY
 
@@ -39,16 +38,14 @@ def table(evidence: Evidence) -> pd.DataFrame:
     parts: list[Part] = []
     for side in (b for b in BOUNDARIES if b in content["boundaries"]):
         detected, every = content["boundaries"][side], evidence.frame(DETECTION, boundary=side)
-        least = every["voltage"].min(), every["payload"].min()
         # each alone shows what it costs; both together are in the product
-        one = (every["voltage"] == least[0]) | (every["payload"] == least[1])
-        of_case = every[one].groupby(["voltage", "payload"], sort=True)
-        for i, (_, curve) in enumerate(of_case):
-            payload, voltage = (float(curve[name].iloc[0]) for name in ("payload", "voltage"))
-            known = {"payload_percent": 100 * payload, "voltage_percent": 100 * voltage}
-            about = {"panel": side, "case": case(payload, voltage), **known}
+        alone = (every[["voltage", "payload"]] == every[["voltage", "payload"]].min()).any(axis=1)
+        for i, (_, curve) in enumerate(every[alone].groupby(["voltage", "payload"])):
+            voltage, payload = (100 * float(curve[u].iloc[0]) for u in ("voltage", "payload"))
+            about = {"panel": side, "payload_percent": payload, "voltage_percent": voltage}
             values = {"y": curve["range_z_hat"], "lo90": curve["lo90"], "hi90": curve["hi90"]}
-            parts.append({"row": "range", **about, "x": curve["averaging_s"], **values})
+            named = {"case": _case(payload, voltage), "x": curve["averaging_s"]}
+            parts.append({"row": "range", **about, **named, **values})
             last = curve.iloc[-1]
             if i == 0 and np.isfinite(last["range_z_hat"]):
                 words = {"case": f"noise floor {plain(100 * detected['floor'], 2)} %"}
@@ -70,14 +67,11 @@ def _median(estimate: dict[str, float]) -> dict[str, float]:
     return {"y": estimate["median"], "lo90": estimate["lo90"], "hi90": estimate["hi90"]}
 
 
-def case(payload: float, voltage: float) -> str:
-    """Standard uncertainties of weight and supply voltage (fractions), in words."""
-    known = [
-        f"{name} ±{plain(100 * u, 2)} %"
-        for name, u in (("weight", payload), ("supply voltage", voltage))
-        if u > 0
-    ]
-    return ", ".join(known) if known else "weight and supply known exactly"
+def _case(payload_percent: float, voltage_percent: float) -> str:
+    """Standard uncertainties of weight and supply voltage in words."""
+    stated = {"weight": payload_percent, "supply voltage": voltage_percent}
+    known = [f"{name} ±{plain(u, 2)} %" for name, u in stated.items() if u > 0]
+    return ", ".join(known) or "weight and supply known exactly"
 
 
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
@@ -101,13 +95,12 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     ]
     for side, detected in content["boundaries"].items():
         largest, noise, floor = (
-            100 * detected[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor")
+            plain(100 * detected[k], 2) for k in ("largest_change", "short_per_sqrt_Hz", "floor")
         )
-        plus = "+" if largest > 0 else ""
+        plus = "+" if detected["largest_change"] > 0 else ""
         parts.append(
             f"{side.capitalize()}, {detected['title']}: largest change of lift measured"
-            f" {plus}{plain(largest, 2)} %, noise {plain(noise, 2)} %/√Hz, floor"
-            f" {plain(floor, 2)} %."
+            f" {plus}{largest} %, noise {noise} %/√Hz, floor {floor} %."
             f" Lift is assumed to scale as voltage^{detected['lift_per_voltage']:.2g}."
         )
         if "refused" in detected:
@@ -115,19 +108,17 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """Two panels for each boundary."""
     sides = list(table["panel"].unique())
     several = len(sides) > 1
     width = look.double_in if several else 1.2 * look.single_in
     figure, axes = style.canvas(look, 2, len(sides), 0.68 * look.double_in, width)
-    titles = style.lettered([*sides, *sides])
-    for i, (side, upper, lower) in enumerate(zip(sides, *axes, strict=True)):
+    style.title(axes.flat, [*sides, *sides])
+    for side, upper, lower in zip(sides, *axes, strict=True):
         mine = pick(table, panel=side)
         _range(upper, pick(mine, row="range"), pick(mine, row="floor"))
         _located(lower, pick(mine, row="located"), pick(mine, row="reading"))
-        upper.set_title(titles[i])
-        lower.set_title(titles[len(sides) + i])
     axes[0, 0].set_ylabel("detection range " + nomenclature.label("z_hat"))
     axes[1, 0].set_ylabel("located " + nomenclature.label("z_hat"))
     handles, names = axes[0, 0].get_legend_handles_labels()
@@ -143,23 +134,25 @@ def _range(ax: Axes, rows: pd.DataFrame, floor: pd.DataFrame) -> None:
         curve = pick(rows, case=name)
         worse = curve["voltage_percent"].iloc[0] > rows["voltage_percent"].min()
         dashes: Any = (0, (4, 1.5)) if worse else "-"
-        mark: Look = {"marker": marker, "markerfacecolor": "white", "zorder": 3}
-        ax.plot(curve.x, curve.y, color=shade, linestyle=dashes, label=name, **mark)
-        seen = curve[np.isfinite(curve["y"])]
-        style.band(ax, seen.x, seen.lo90, seen.hi90, shade, alpha=0.2)
-        if not len(seen):
-            missed.append(name)
+        ax.plot(
+            curve.x, curve.y, color=shade, linestyle=dashes, label=name, marker=marker,
+            markerfacecolor="white", zorder=3,
+        )  # fmt: skip
+        style.band(ax, curve.x, curve.lo90, curve.hi90, shade, alpha=0.2)
+        missed += [] if curve["y"].notna().any() else [name]
     ax.set_ylim(bottom=0)
-    small: Look = {"fontsize": rcParams["legend.fontsize"], "color": "0.35"}
     if len(missed) == rows["case"].nunique():
         ax.set_ylim(0, 1)
         style.words_alone(ax, "not detected")
     elif missed:
         words = "\n".join(["not detected with", *missed])
-        ax.text(0.96, 0.04, words, transform=ax.transAxes, ha="right", va="bottom", **small)
+        ax.text(
+            0.96, 0.04, words, transform=ax.transAxes, ha="right", va="bottom", color="0.35",
+            fontsize=SMALL_PT,
+        )  # fmt: skip
     for row in records(floor):
         ax.set_ylim(top=1.12 * ax.get_ylim()[1])
-        style.note(ax, str(row.case), (row.x, row.y), (0, 4), ha="right", color="0.35", zorder=4)
+        style.note(ax, row.case, (row.x, row.y), (0, 4), ha="right", color="0.35", zorder=4)
     ax.set_xlim(rows["x"].min() / 1.5, rows["x"].max() * 1.5)
     ax.set_xlabel("averaging time (s)")
     style.plain_log(ax.xaxis)
@@ -182,12 +175,6 @@ def _located(ax: Axes, rows: pd.DataFrame, read: pd.DataFrame) -> None:
 
 
 FIGURE = FigureSpec(
-    name="detection",
-    title="How far away a boundary shows",
-    needs=(DETECTION, PROXIMITY),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="y",
-    within=("row", "panel"),
-)
+    "detection", "How far away a boundary shows", (DETECTION, PROXIMITY), table, caption, draw,
+    "y", ("row", "panel"),
+)  # fmt: skip

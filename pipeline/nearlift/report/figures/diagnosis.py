@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from nearlift import catalogue, nomenclature
 from nearlift.catalogue import titled
@@ -29,16 +29,7 @@ from nearlift.report.evidence import Evidence, Part, frame, groups, lift_inf_N, 
 from nearlift.report.figures import binning, style
 from nearlift.report.figures.fig2 import references
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import (
-    DEFAULT,
-    FITTED,
-    FLOOR,
-    SERIES,
-    Look,
-    Style,
-    note,
-    plain_text,
-)
+from nearlift.report.figures.style import FITTED, FLOOR, PAGE_IN, SERIES, Style, note, plain_text
 from nearlift.report.findings import RankedCandidate, ranked
 from nearlift.report.phrases import along
 from nearlift.results.diagnosis import FORM_SD, BoundaryDiagnosis
@@ -51,8 +42,6 @@ from nearlift.stages.ingest import TRIALS
 COVARIATES, CANDIDATES, COEFFICIENTS, DOUBTS = 2, 8, 2, 3
 #: Reach of the axis in standard deviations of a trial; trials beyond are ticks at its edge.
 REACH = 3.2
-#: Where the axis of evidence turns logarithmic.
-LINEAR = 10.0
 COLUMNS = (
     *("panel", "letter", "part", "kind", "when", "covariate", "series", "label", "note", "unit"),
     *("x", "value", "u", "lo90", "hi90", "n_trials"),
@@ -61,8 +50,6 @@ HEADLINES = {
     "adequate": "nothing beyond the noise",
     "unexplained": "structure that no candidate explains",
 }
-#: Heights in inches at 6.75 in of width; a candidate of two effects takes more.
-TALL, LOW, PAIR = 3.15, 1.72, 0.1
 #: Before and after, in colour and in symbol.
 LOOKS = {"before": SERIES[1], "after": SERIES[2]}
 #: A candidate that was not rejected.
@@ -89,22 +76,18 @@ def table(evidence: Evidence) -> pd.DataFrame:
     condition. Residuals and errors are in percent of lift; a candidate's value is twice the log
     evidence by which it trails the best.
     """
-    letters = iter(string.ascii_lowercase + string.ascii_uppercase)
+    letters = iter(string.ascii_letters)
     parts: list[Part] = []
     for boundary, diagnosis in ((b, evidence.diagnosed(b)) for b in BOUNDARIES):
         if not diagnosis:
             continue
         verdict = {"part": "verdict", "kind": diagnosis.verdict, "label": _headline(diagnosis)}
         parts.append({"panel": boundary, **verdict})
-        for word in chosen_covariates(diagnosis):
-            for panel in _residuals(evidence, boundary, diagnosis, word):
-                shared = {"panel": boundary, "part": "residual", "letter": next(letters)}
-                parts += [{**shared, **part} for part in panel]
-        for part, rows in (
-            ("candidate", _candidates(diagnosis)),
-            ("error", _errors(evidence, boundary, diagnosis)),
-            ("coefficient", _coefficients(evidence, boundary, diagnosis)),
-        ):
+        panels = [("residual", rows) for rows in _residuals(evidence, boundary, diagnosis)]
+        panels.append(("candidate", _candidates(diagnosis)))
+        panels.append(("error", _errors(evidence, boundary, diagnosis)))
+        panels.append(("coefficient", _coefficients(evidence, boundary, diagnosis)))
+        for part, rows in panels:
             if rows:
                 shared = {"panel": boundary, "part": part, "letter": next(letters)}
                 parts += [{**shared, **row} for row in rows]
@@ -118,7 +101,7 @@ def _headline(diagnosis: BoundaryDiagnosis) -> str:
     )
 
 
-def chosen_covariates(diagnosis: BoundaryDiagnosis) -> list[str]:
+def _covariates(diagnosis: BoundaryDiagnosis) -> list[str]:
     """Covariates to draw: first that of the most significant structure.
 
     Where structure stays unexplained, that of the next follows. Time follows where the gain
@@ -127,8 +110,7 @@ def chosen_covariates(diagnosis: BoundaryDiagnosis) -> list[str]:
     structure = diagnosis.structure
     shown = [s for s in structure[1:] if s.significant and diagnosis.verdict == "unexplained"]
     words = [s.covariate for s in (*structure[:1], *shown)] or ["distance"]
-    if diagnosis.wander:
-        words.append("start")
+    words += ["start"] if diagnosis.wander else []
     if len(diagnosis.effects) > 1:
         known = {e.name: e.varies_with for e in catalogue.effects()}
         varying = [known[e.name] for e in diagnosis.effects if e.name in known]
@@ -137,10 +119,10 @@ def chosen_covariates(diagnosis: BoundaryDiagnosis) -> list[str]:
 
 
 def _residuals(
-    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis, word: str
+    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
 ) -> Iterator[list[Part]]:
-    """Rows of each panel of one covariate: before and, where an effect was named, after. `kind` is
-    trial, bin, curve (of what stays unexplained), floor or session (a new one).
+    """Rows of each panel of each covariate: before and, where an effect was named, after. `kind` is
+    trial, bin, floor or session (a new one).
     """
     model, fit = evidence.base(boundary)
     data = evidence.observations[boundary]
@@ -149,53 +131,38 @@ def _residuals(
     if not data.n:
         return
     data = derive(data, lift_inf_N(fit, data), lift_ratio(model, data, fit.values))
-    known, (name, second) = binning.columns(data), AXES.get(word, (word, ""))
-    x = np.asarray(known.get(name, np.nan), dtype=float)
-    if not np.isfinite(x).any():
-        name, second = AXES["start"]
-        x = known[name]
-    levels = known[second] if second else np.zeros(data.n)
-    both = 100 * left.loc[data.trial, ["before", "after"]]
-    use = np.isfinite(x) & np.isfinite(both.to_numpy()).all(axis=1)
-    shared = {"covariate": name, "unit": "%", "note": second}
-    for when in ("before", "after") if diagnosis.verdict == "effect" else ("before",):
-        parts: list[Part] = [{"kind": "floor", "value": 100 * diagnosis.noise_floor}]
-        for level in np.unique(levels[np.isfinite(levels)]):
-            mine = use & (levels == level)
-            if not mine.any():
-                continue
-            at, y, first = x[mine], both[when][mine].to_numpy(), both["before"][mine].to_numpy()
-            in_time = name == "run_order"
-            # the same bins before and after
-            label = binning.time_bins(first, data.session[mine]) if in_time else binning.bins(at)
-            count, centre, mean, error = binning.means(at, y, label)
-            series = {"series": _level(second, float(level))}
-            parts += [
-                {**series, "kind": "trial", "label": data.trial[mine], "x": at, "value": y},
-                {
-                    "kind": "bin",
-                    **series,
-                    "x": centre,
-                    "value": mean,
-                    "u": error,
-                    "n_trials": count,
-                },
-            ]
-            if diagnosis.verdict == "unexplained" and not second:
-                along_x, curve = binning.smooth_curve(name, at, y)
-                parts.append({"kind": "curve", "x": along_x, "value": curve})
-        if name == "run_order":
-            parts.append({"kind": "session", "x": np.flatnonzero(np.diff(data.session)) + 1.5})
-        yield [{**shared, "when": when, **part} for part in parts]
+    known = binning.columns(data)
+    both = 100 * left.loc[data.trial, ["before", "after"]].reset_index(drop=True)
+    for word in _covariates(diagnosis):
+        name, second = AXES.get(word, (word, ""))
+        if not np.isfinite(np.asarray(known.get(name, np.nan), dtype=float)).any():
+            name, second = AXES["start"]
+        rows = both.assign(x=known[name], level=known[second] if second else 0.0)
+        series = rows[np.isfinite(rows).all(axis=1)].groupby("level")
+        shared = {"covariate": name, "unit": "%", "note": second}
+        for when in ("before", "after") if diagnosis.verdict == "effect" else ("before",):
+            parts: list[Part] = [{"kind": "floor", "value": 100 * diagnosis.noise_floor}]
+            for _, mine in series:
+                x, y, at = mine["x"].to_numpy(), mine[when].to_numpy(), mine.index.to_numpy()
+                # the same bins before and after
+                label = binning.bins(x)
+                if name == "run_order":
+                    label = binning.time_bins(mine["before"].to_numpy(), data.session[at])
+                count, centre, mean, error = binning.means(x, y, label)
+                named = {"series": _level(second, mine["level"].iloc[0])}
+                trials = {"label": data.trial[at], "x": x, "value": y}
+                bins = {"x": centre, "value": mean, "u": error, "n_trials": count}
+                parts += [{"kind": "trial", **named, **trials}, {"kind": "bin", **named, **bins}]
+            if name == "run_order":
+                parts.append({"kind": "session", "x": np.flatnonzero(np.diff(data.session)) + 1.5})
+            yield [{**shared, "when": when, **part} for part in parts]
 
 
 def _level(second: str, level: float) -> str:
     """Label of a series; empty where there is one."""
-    if not second:
-        return ""
     if second == "approach":
         return "moved away" if level > 0 else "moved closer"
-    return f"{plain(level, 3)} %"
+    return f"{plain(level, 3)} %" if second else ""
 
 
 def _candidates(diagnosis: BoundaryDiagnosis) -> list[Part]:
@@ -205,16 +172,10 @@ def _candidates(diagnosis: BoundaryDiagnosis) -> list[Part]:
     if listed and not any("+" not in c.tried.name for c in shown):
         # the best single effect shows why one is not enough
         shown = [*shown[:-1], next((c for c in listed if "+" not in c.tried.name), shown[-1])]
-    unit = {"unit": "2 ln evidence"}
+    about = {"unit": "2 ln evidence"}
     return [
-        {
-            "kind": c.kind,
-            "label": c.tried.name,
-            "note": _outcome(diagnosis, c),
-            "value": c.behind,
-            **unit,
-        }
-        for c in shown
+        {"kind": c.kind, "label": c.tried.name, "note": note, "value": c.behind, **about}
+        for c, note in ((c, _outcome(diagnosis, c)) for c in shown)
     ]
 
 
@@ -232,9 +193,8 @@ def _outcome(diagnosis: BoundaryDiagnosis, candidate: RankedCandidate) -> str:
         return "not confirmed"
     if candidate.tried.judged_by:
         return "too little"
-    if candidate.tried.left_in:
-        return f"leaves {along(candidate.tried.left_in)}"
-    return "explains too little"
+    left_in = candidate.tried.left_in
+    return f"leaves {along(left_in)}" if left_in else "explains too little"
 
 
 def _errors(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis) -> list[Part]:
@@ -242,14 +202,13 @@ def _errors(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
     error, quoted = diagnosis.error, evidence.quoted(boundary).error
     if not error or quoted is None:
         return []
-    held_out = [("before", quoted.before, error.before)]
-    if diagnosis.verdict == "effect":
-        held_out.append(("after", quoted.after, error.after))
-    rows: list[Part] = [{"kind": "floor", "value": 100 * quoted.noise_floor}]
-    for when, value, interval in held_out:
-        ends = {"lo90": 100 * interval.lo90, "hi90": 100 * interval.hi90}
-        rows.append({"kind": "rmse", "when": when, "value": 100 * value, **ends})
-    return [{"unit": "%", **row} for row in rows]
+    rows: list[Part] = [{"kind": "floor", "unit": "%", "value": 100 * quoted.noise_floor}]
+    for when in ("before", "after") if diagnosis.verdict == "effect" else ("before",):
+        interval = getattr(error, when)
+        values = {"value": getattr(quoted, when), "lo90": interval.lo90, "hi90": interval.hi90}
+        percent = {name: 100 * value for name, value in values.items()}
+        rows.append({"kind": "rmse", "unit": "%", "when": when, **percent})
+    return rows
 
 
 def _coefficients(
@@ -278,9 +237,10 @@ def _coefficients(
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption of each panel; letters as in the picture."""
     effect = (table["when"] == "after").any()
+    letters = table.groupby("part")["letter"].agg(lambda column: ", ".join(column.unique()))
     parts = [
         (
-            f"Relative residuals ({_letters(table, 'residual')}) against the covariate of the"
+            f"Relative residuals ({letters.get('residual', '')}) against the covariate of the"
             " largest test, and of a second effect. Dots: trials; beyond the axis, ticks at its"
             " edge. Symbols: means with their standard error. Shade: ± the noise floor."
         )
@@ -298,17 +258,15 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     }
     if (table["kind"] == "session").any():
         parts.append("Dashed vertical lines: a new session.")
-    for part, text in said.items():
-        if (table["part"] == part).any():
-            parts.append(text.format(_letters(table, part)))
+    parts += [text.format(letters[part]) for part, text in said.items() if part in letters]
     return " ".join([*parts, *(_boundary(table, b) for (b,) in groups(table, "panel"))])
 
 
 def _boundary(table: pd.DataFrame, boundary: str) -> str:
     mine = pick(table, panel=boundary)
     text = f"{boundary.capitalize()}: {pick(mine, part='verdict')['label'].iloc[0]}"
-    rmse = pick(mine, kind="rmse")["value"].tolist()
-    if rmse:
+    rmse = pick(mine, kind="rmse")["value"]
+    if len(rmse):
         values = " to ".join(f"{plain(v, 3)} %" for v in rmse)
         floor = float(pick(mine, part="error", kind="floor")["value"].iloc[0])
         text += f"; cross-validated error {values}, noise floor {plain(floor, 3)} %"
@@ -317,86 +275,73 @@ def _boundary(table: pd.DataFrame, boundary: str) -> str:
     return text + "." + (f" Assumptions: {listed}." if listed else "")
 
 
-def _letters(table: pd.DataFrame, part: str) -> str:
-    """Letters of the panels of a part: ``a, b, f``."""
-    return ", ".join(pick(table, part=part)["letter"].unique())
-
-
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """Blocks from top to bottom, no higher than the page."""
     blocks = [pick(table, panel=b) for (b,) in groups(table, "panel")]
-    heights = [TALL + _more(b) if _two_lines(b) else LOW for b in blocks]
-    height = min(look.double_in / 6.75 * sum(heights), look.height_in)
+    lines = [_lines(block) for block in blocks]
+    # a candidate of two effects takes two lines
+    pairs = [block[block["part"] == "candidate"]["label"].str.contains("+", regex=False).sum()
+             for block in blocks]  # fmt: skip
+    heights = [1.72 if len(of) == 1 else 3.15 + 0.1 * n for of, n in zip(lines, pairs, strict=True)]
+    height = min(look.double_in / 6.75 * sum(heights), PAGE_IN)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
     layout: Any = figure.get_layout_engine()
     layout.set(w_pad=0.06, h_pad=0.03, hspace=0.03, wspace=0.03)
     parts = figure.subfigures(len(blocks), 1, height_ratios=heights, squeeze=False)[:, 0]
-    for part, block in zip(parts, blocks, strict=True):
+    for part, block, panels, n in zip(parts, blocks, lines, pairs, strict=True):
         verdict = pick(block, part="verdict").iloc[0]
         headline = plain_text(titled(str(verdict["label"])))
         part.suptitle(
             f"{verdict['panel'].capitalize()}. {verdict['kind'].capitalize()}: {headline}",
-            x=0.008, ha="left", fontsize=look.text_pt + 0.5, fontweight="bold",
+            x=0.008, ha="left", fontsize=style.TEXT_PT + 0.5, fontweight="bold",
         )  # fmt: skip
-        _block(part, block, look)
+        _block(part, block, panels, (1.0, 1.05 + 0.065 * n), look)
     return figure
 
 
-def _two_lines(block: pd.DataFrame) -> bool:
-    """Whether the residuals have a line of their own."""
-    residuals = pick(block, part="residual")["letter"].nunique()
-    return residuals > 1 or bool((block["part"] == "candidate").any())
+def _lines(block: pd.DataFrame) -> list[list[tuple[str, str]]]:
+    """Letter and part of the panels of a block, line by line: residuals have a line of their own
+    where they are two, or followed by candidates.
+    """
+    panels = [(letter, part) for letter, part in groups(block, "letter", "part") if letter]
+    residuals = [panel for panel in panels if panel[1] == "residual"]
+    others = [panel for panel in panels if panel[1] != "residual"]
+    one_line = len(residuals) < 2 and not (block["part"] == "candidate").any()
+    return [panels] if one_line else [residuals, others]
 
 
-def _more(block: pd.DataFrame) -> float:
-    """Height in inches that pairs of effects among the candidates need."""
-    return PAIR * float(
-        pick(block, part="candidate")["label"].str.contains(" + ", regex=False).sum()
-    )
-
-
-def _block(part: SubFigure, block: pd.DataFrame, look: Style) -> None:
-    letters = [(x, kind) for x, kind in groups(block, "letter", "part") if x]
+def _block(
+    part: SubFigure,
+    block: pd.DataFrame,
+    lines: list[list[tuple[str, str]]],
+    ratios: tuple[float, float],
+    look: Style,
+) -> None:
     several = pick(block, part="coefficient")["label"].nunique() > 1
-    wide = {
-        "residual": 1.6,
-        "candidate": 1.7,
-        "error": 0.9,
-        "coefficient": 2.0 if several else 1.25,
-    }
-    lines = [letters]
-    if _two_lines(block):
-        lines = [[c for c in letters if (c[1] == "residual") == above] for above in (True, False)]
-    ratios = (1.0, 1.05 + 2.05 * _more(block) / TALL)[: len(lines)]
-    grid = part.add_gridspec(len(lines), 1, height_ratios=ratios)
+    wide = {"residual": 1.6, "candidate": 1.7, "error": 0.9, "coefficient": 2 if several else 1.25}
     effect = (block["when"] == "after").any()
-    for i, line in enumerate(lines):
+    grid: Any = part.add_gridspec(len(lines), 1, height_ratios=ratios[: len(lines)])
+    for cell, line in zip(grid, lines, strict=False):
         widths = [wide[kind] for _, kind in line]
-        inside = grid[i].subgridspec(1, max(len(line), 1), width_ratios=widths or [1])
+        inside = cell.subgridspec(1, max(len(line), 1), width_ratios=widths or [1])
         first: Any = None
-        for j, (letter, kind) in enumerate(line):
+        for place, (letter, kind) in zip(inside, line, strict=False):
             rows = pick(block, letter=letter)
+            if kind == "coefficient":
+                ax, title = _draw_coefficients(place, rows), "coefficient"
+            else:
+                ax = part.add_subplot(place, sharey=first if kind == "residual" else None)
             if kind == "residual":
-                ax = part.add_subplot(inside[j], sharey=first)
                 _draw_residual(ax, rows, look, labelled=first is None)
                 first = first or ax
                 title = f"residual {rows['when'].iloc[0]}" if effect else "residual"
             elif kind == "candidate":
-                ax = part.add_subplot(inside[j])
                 _draw_candidates(ax, rows)
-                title = "candidates"
-                title += ", all rejected" if (rows["kind"] == "rejected").all() else ""
+                rejected = (rows["kind"] == "rejected").all()
+                title = "candidates, all rejected" if rejected else "candidates"
             elif kind == "error":
-                ax = part.add_subplot(inside[j])
                 _draw_error(ax, rows)
                 title = "held-out error"
-            else:
-                names = rows["label"].unique()
-                axes = inside[j].subgridspec(1, len(names), wspace=0.08).subplots(squeeze=False)[0]
-                for panel, name in zip(axes, names, strict=True):
-                    _draw_coefficient(panel, rows, name)
-                    panel.tick_params(axis="y", labelleft=panel is axes[0])
-                ax, title = axes[0], "coefficient"
             ax.set_title(f"{letter}) {title}", pad=3)
 
 
@@ -404,9 +349,9 @@ def _draw_residual(ax: Axes, rows: pd.DataFrame, look: Style, labelled: bool) ->
     """Cloud, means over bins with their standard error, the noise floor as a shade; trials beyond
     the axis as ticks at its edge.
     """
-    covariate, when = (str(rows[name].iloc[0]) for name in ("covariate", "when"))
+    covariate, when, second = rows[["covariate", "when", "note"]].iloc[0]
     rows = rows.assign(x=binning.shown_x(covariate, rows["x"], look))
-    cloud, means, line = (pick(rows, kind=kind) for kind in ("trial", "bin", "curve"))
+    cloud, means = pick(rows, kind="trial"), pick(rows, kind="bin")
     floor = float(pick(rows, kind="floor")["value"].iloc[0])
     size = cloud["value"].abs()
     reach = min(REACH * 1.4826 * float(size.median()), 1.08 * float(size.max()))
@@ -422,25 +367,27 @@ def _draw_residual(ax: Axes, rows: pd.DataFrame, look: Style, labelled: bool) ->
     names = means["series"].unique()
     lone = len(names) == 1
     colour = SERIES[0][0] if lone else "0.55"
-    beyond = size > reach
-    style.dots(ax, cloud["x"][~beyond], cloud["value"][~beyond], colour)
-    edge = 0.965 * reach * np.sign(cloud["value"][beyond])
-    ax.plot(cloud["x"][beyond], edge, "|", color=colour, markersize=3.5, markeredgewidth=0.5)
+    inside, beyond = cloud[size <= reach], cloud[size > reach]
+    style.dots(ax, inside.x, inside.value, colour)
+    edge = 0.965 * reach * np.sign(beyond["value"])
+    ax.plot(beyond.x, edge, "|", color=colour, markersize=3.5, markeredgewidth=0.5)
     style.zero(ax)
     for x in pick(rows, kind="session")["x"]:
         ax.axvline(x, color="0.6", linewidth=0.5, linestyle=(0, (2, 2)), zorder=0.5)
     for i, name in enumerate(names):
-        mine, series = pick(means, series=name), LOOKS[when] if lone else SERIES[i % len(SERIES)]
-        mark: Look = {"markersize": 3.4 if lone else 2.8, "label": plain_text(name)}
-        mark |= {"linestyle": "none" if lone else "-", "linewidth": 0.6, "markeredgecolor": "white"}
-        style.bars(ax, mine.x, mine.value, mine.u, series, **mark | {"markeredgewidth": 0.3})
-    ax.plot(line.x, line.value, color=FITTED, linewidth=1.0, zorder=3)
+        mine = pick(means, series=name)
+        style.bars(
+            ax, mine.x, mine.value, mine.u, LOOKS[when] if lone else SERIES[i % len(SERIES)],
+            linestyle="none" if lone else "-", linewidth=0.6, markersize=3.4 if lone else 2.8,
+            markeredgecolor="white", markeredgewidth=0.3, label=plain_text(name),
+        )  # fmt: skip
     ax.set_ylim(-reach, reach)
     binning.abscissa(ax, covariate, np.unique(means["x"]).tolist(), look)
     if not lone:
-        head = {"throttle_percent": "throttle"}.get(str(rows["note"].iloc[0]))
-        paper: Look = {"frameon": True, "framealpha": 0.85, "edgecolor": "none"}
-        ax.legend(title=head, ncols=len(names), columnspacing=0.7, handlelength=1.1, **paper)
+        ax.legend(
+            title="throttle" if second == "throttle_percent" else None, ncols=len(names),
+            columnspacing=0.7, handlelength=1.1, frameon=True, framealpha=0.85, edgecolor="none",
+        )  # fmt: skip
 
 
 def _draw_candidates(ax: Axes, rows: pd.DataFrame) -> None:
@@ -448,17 +395,19 @@ def _draw_candidates(ax: Axes, rows: pd.DataFrame) -> None:
     the outcome of each.
     """
     place = np.arange(len(rows))[::-1]
-    ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
+    ax.set_xscale("symlog", linthresh=10.0, linscale=1.0)
     ax.axvline(0, color="0.3", linewidth=0.6, zorder=1)
     ax.hlines(place, 0, rows.value, color="0.55", linewidth=0.6, zorder=2)
     for kind, x, y in zip(rows.kind, rows.value, place, strict=True):
-        colour, marker = LOOKS["after"] if kind in ("named", "rival") else (SERIES[0][0], "o")
+        colour, marker = LOOKS["after"] if kind in ("named", "rival") else SERIES[0]
         inside = "white" if kind == "rejected" else colour
-        mark: Look = {"markersize": 4, "markeredgewidth": 0.9, "zorder": 3}
-        ax.plot([x], [y], marker, color=colour, markerfacecolor=inside, **mark)
+        ax.plot(
+            [x], [y], marker, color=colour, markerfacecolor=inside, markersize=4,
+            markeredgewidth=0.9, zorder=3,
+        )  # fmt: skip
     ax.set_yticks(place, [style.effects(str(name)) for name in rows["label"]], linespacing=0.9)
     outcomes = ax.secondary_yaxis("right")
-    outcomes.set_yticks(place, [plain_text(note) for note in rows["note"]], color="0.25")
+    outcomes.set_yticks(place, [plain_text(text) for text in rows["note"]], color="0.25")
     for axis in (ax, outcomes):
         axis.tick_params(axis="y", length=0)
     ax.set_ylim(-0.7, len(rows) - 0.3)
@@ -467,7 +416,7 @@ def _draw_candidates(ax: Axes, rows: pd.DataFrame) -> None:
     ticks = [t for t in (-100, -10, 0, 10, 100, 1000, 10000, 100000) if low <= t <= far]
     ax.set_xticks(ticks, [f"{t:,}".replace(",", "\u2009").replace("-", "−") for t in ticks])
     ax.tick_params(axis="x", which="minor", length=0)
-    ax.set_xlabel(r"$2 \,\ln B$, best over candidate", labelpad=1)
+    ax.set_xlabel(r"$2 \,\ln B$, best over candidate")
 
 
 def _draw_error(ax: Axes, rows: pd.DataFrame) -> None:
@@ -480,58 +429,63 @@ def _draw_error(ax: Axes, rows: pd.DataFrame) -> None:
     for i, when in enumerate(shown["when"]):
         reach = [[low[i]], [high[i]]]
         style.bars(ax, [i], [shown["value"][i]], reach, LOOKS[when], markersize=4, capsize=2)
-    numbers = [*shown["value"], floor]
-    for i, (value, up) in enumerate(zip(numbers, [*high, 0.0], strict=True)):
+    for i, (value, up) in enumerate(zip([*shown["value"], floor], [*high, 0.0], strict=True)):
         if math.isfinite(value):
             paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.2}
             note(ax, f"{value:#.3g}", (i, value + up), (0, 2.5), ha="center", bbox=paper, zorder=4)
-    ax.set_ylim(0, 1.3 * float(np.nanmax([floor, *(shown["value"] + high)])))
     n = len(shown)
+    ax.set_ylim(0, 1.3 * float(np.nanmax([floor, *(shown["value"] + high)])))
     ax.set_xlim(-0.6, n + 0.6)
     ax.set_xticks(range(n + 1), [*(shown["when"] if n > 1 else ["base"]), "floor"])
     ax.tick_params(axis="x", length=0)
     ax.set_ylabel("RMSE (% of lift)")
 
 
-def _draw_coefficient(ax: Axes, rows: pd.DataFrame, name: str) -> None:
-    """One coefficient as quoted, and beneath it on each condition, every interval whole."""
+def _draw_coefficients(place: Any, rows: pd.DataFrame) -> Axes:
+    """Each coefficient as quoted, and beneath it on each condition, every interval whole; the axes
+    of the first.
+    """
+    names = rows["label"].unique()
     conditions = [*pick(rows, kind="doubt")["note"].unique()]
-    rows = pick(rows, label=name)
+    axes = place.subgridspec(1, len(names), wspace=0.08).subplots(squeeze=False)[0]
+    for ax, name in zip(axes, names, strict=True):
+        _draw_coefficient(ax, pick(rows, label=name), conditions)
+        ax.set_xlabel(nomenclature.label(name))
+        ax.tick_params(axis="y", length=0, labelleft=ax is axes[0])
+    return axes[0]  # type: ignore[no-any-return]
+
+
+def _draw_coefficient(ax: Axes, rows: pd.DataFrame, conditions: list[str]) -> None:
     stated, reference = rows[rows["kind"] != "reference"], pick(rows, kind="reference")
     ends = pd.concat([stated["lo90"], stated["hi90"], reference["value"]])
-    margin = 0.08 * float(ends.max() - ends.min()) or 1e-3 * max(abs(float(ends.max())), 1e-3)
-    ax.set_xlim(float(ends.min()) - margin, float(ends.max()) + margin)
+    low, high = float(ends.min()), float(ends.max())
+    margin = 0.08 * (high - low) or 1e-3 * max(abs(high), 1e-3)
+    ax.set_xlim(low - margin, high + margin)
+    n = len(conditions)
     for value, source in zip(reference["value"], reference["note"], strict=True):
         ax.axvline(value, color="0.35", linewidth=0.8, linestyle=(0, (5, 2)), zorder=1)
-        left = value < float(np.mean(ax.get_xlim()))
-        at = (value, len(conditions) + 0.45)
-        side: Look = {"ha": "left" if left else "right", "color": "0.25"}
-        note(ax, plain_text(f"{source} {value:g}"), at, (2.5 if left else -2.5, 0), **side)
+        side, apart = ("left", 2.5) if value < (low + high) / 2 else ("right", -2.5)
+        words = plain_text(f"{source} {value:g}")
+        note(ax, words, (value, n + 0.45), (apart, 0), ha=side, color="0.25")
     for row in records(stated):
-        y = len(conditions) - (1 + conditions.index(row.note) if row.kind == "doubt" else 0)
+        y = n - (1 + conditions.index(row.note) if row.kind == "doubt" else 0)
         colour, marker = LOOKS[str(row.when)]
         width = 2.2 if row.kind == "quoted" else 0.9
         ax.plot([row.lo90, row.hi90], [y, y], color=colour, linewidth=width, zorder=2)
-        white: Look = {"markerfacecolor": "white", "markeredgewidth": 0.8}
-        ax.plot([row.value], [y], marker, color=colour, markersize=3.6, zorder=3, **white)
+        ax.plot(
+            [row.value], [y], marker, color=colour, markersize=3.6, markerfacecolor="white",
+            markeredgewidth=0.8, zorder=3,
+        )  # fmt: skip
         # on top: an interval may be narrower than its symbol
         ax.plot([row.lo90, row.hi90], [y, y], "|", color=colour, markersize=7, zorder=4)
-    names = ["quoted", *(f"if ({i + 1})" for i in range(len(conditions)))]
-    ax.set_yticks(range(len(conditions), -1, -1), names)
-    ax.tick_params(axis="y", length=0)
-    ax.set_ylim(-0.6, len(conditions) + (1.0 if len(reference) else 0.6))
+    ax.set_yticks(range(n, -1, -1), ["quoted", *(f"if ({i + 1})" for i in range(n))])
+    ax.set_ylim(-0.6, n + (1.0 if len(reference) else 0.6))
     ax.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 2.5, 5, 10]))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    ax.set_xlabel(nomenclature.label(name), labelpad=1)
+    ax.xaxis.set_major_formatter("{x:g}")
 
 
 FIGURE = FigureSpec(
-    name="diagnosis",
-    title="The loop: residual, candidates, error, coefficient",
-    needs=(TRIALS, FIT, DIAGNOSIS, LOOP_RESIDUALS),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="value",
-    within=("panel", "part", "when"),
-)
+    "diagnosis", "The loop: residual, candidates, error, coefficient",
+    (TRIALS, FIT, DIAGNOSIS, LOOP_RESIDUALS), table, caption, draw, "value",
+    ("panel", "part", "when"),
+)  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +15,7 @@ from nearlift.report.evidence import Evidence, Part, frame, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.flow_panels import origin
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, REFERENCES, SERIES, Look, Style
+from nearlift.report.figures.style import REFERENCES, SERIES, Style
 from nearlift.stages.fit import FIT
 from nearlift.stages.flow import DOWNWASH, FLOW
 
@@ -44,22 +43,20 @@ def table(evidence: Evidence) -> pd.DataFrame:
         mine = pick(cuts, boundary=boundary)
         if not len(mine):
             continue
-        z_hat = mine["z_hat"].to_numpy(dtype=float)
-        warned = [{*str(w).split()} & {*NOT_AT_THE_DISK} for w in mine["warnings"]]
+        warned = [sorted({*str(w).split()} & {*NOT_AT_THE_DISK}) for w in mine["warnings"]]
         ends = {"reduction": "", "lo90": "_lo90", "hi90": "_hi90"}
         values = {f"{n}_percent": 100 * mine[f"reduction{end}"] for n, end in ends.items()}
-        said = {"label": [" ".join(sorted(w)) for w in warned], "z_hat": z_hat}
+        said = {"label": [" ".join(w) for w in warned], "z_hat": mine["z_hat"]}
         parts.append({"panel": boundary, "kind": "measured", **said, **values})
-        grid = np.geomspace(0.8 * z_hat.min(), 1.25 * z_hat.max(), POINTS)
+        grid = np.geomspace(0.8 * mine["z_hat"].min(), 1.25 * mine["z_hat"].max(), POINTS)
         for name, label in MODELS.items():
             model = catalogue.model(name)
             if model.boundary != boundary or model.downwash is None:
                 continue
-            fitted = name in evidence.fits.boundaries.get(boundary, {}) and model.parameters
-            known = ", quoted" if name == evidence.fits.base.get(boundary) else ", fitted"
-            drawn = {"label": f"{label}{known if fitted else ''}", "z_hat": grid}
-            drawn["reduction_percent"] = reduction(evidence, name, grid)
-            parts.append({"panel": boundary, "kind": "model", **drawn})
+            if model.parameters and name in evidence.fits.boundaries.get(boundary, {}):
+                label += ", quoted" if name == evidence.fits.base.get(boundary) else ", fitted"
+            drawn = {"z_hat": grid, "reduction_percent": reduction(evidence, name, grid)}
+            parts.append({"panel": boundary, "kind": "model", "label": label, **drawn})
     return frame(parts, COLUMNS)
 
 
@@ -72,8 +69,8 @@ def reduction(evidence: Evidence, name: str, z_hat: FloatArray) -> FloatArray:
     if any(n not in geometry for n in model.needs):
         return np.full(np.shape(z_hat), np.nan)
     fit = evidence.fits.boundaries.get(model.boundary, {}).get(name)
-    values = fit.values if fit else {p.name: p.value for p in model.parameters}
-    known: Look = {n: geometry[n] for n in model.needs} | dict(values)
+    known: Part = {n: geometry[n] for n in model.needs}
+    known |= fit.values if fit else {p.name: p.value for p in model.parameters}
     if name == evidence.fits.base.get(model.boundary):
         known |= {n: c.value for n, c in evidence.quoted(model.boundary).coefficients.items()}
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -101,43 +98,37 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """A panel for each boundary."""
     panels = list(table["panel"].unique())
     factor, label = look.distance
-    height = 2.4 * look.double_in / 6.75
-    figure, axes = style.canvas(look, 1, len(panels), height)
-    for title, panel, ax in zip(style.lettered(panels), panels, axes[0], strict=True):
+    table = table.assign(z_hat=factor * table["z_hat"])
+    figure, axes = style.canvas(look, 1, len(panels), 2.4 * look.double_in / 6.75)
+    style.title(axes[0], panels)
+    for panel, ax in zip(panels, axes[0], strict=True):
         style.zero(ax)
         rows, curves = (pick(table, panel=panel, kind=kind) for kind in ("measured", "model"))
-        for at_disk, fill, name in (
-            (True, SERIES[0][0], "PIV"),
-            (False, "white", "PIV, not at the disk"),
+        disk = rows["label"] == ""
+        for name, fill, mine in (
+            ("PIV", SERIES[0][0], rows[disk]),
+            ("PIV, not at the disk", "white", rows[~disk]),
         ):
-            mine = rows[(rows["label"] == "") == at_disk]
             value = mine["reduction_percent"]
             if len(value):
                 reach = [value - mine["lo90_percent"], mine["hi90_percent"] - value]
-                mark: Look = {"markerfacecolor": fill, "label": name}
-                style.bars(ax, factor * mine.z_hat, value, reach, SERIES[0], **mark)
+                style.bars(
+                    ax, mine.z_hat, value, reach, SERIES[0], markerfacecolor=fill, label=name
+                )
         for (grey, dashes), name in zip(REFERENCES, curves["label"].unique(), strict=False):
             curve = pick(curves, label=name)
-            dashed: Any = {"color": grey, "linestyle": dashes, "label": name}
-            ax.plot(factor * curve.z_hat, curve.reduction_percent, **dashed)
+            ax.plot(curve.z_hat, curve.reduction_percent, color=grey, linestyle=dashes, label=name)
         style.log_distance(ax, f"distance {label}")
-        ax.set_title(title)
         ax.legend(loc="upper right")
     axes[0, 0].set_ylabel("reduction of downwash (%)")
     return figure
 
 
 FIGURE = FigureSpec(
-    name="downwash",
-    title="Downwash by PIV, and by lift models",
-    needs=(FIT, DOWNWASH, FLOW),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="reduction_percent",
-    within=("panel", "kind"),
-)
+    "downwash", "Downwash by PIV, and by lift models", (FIT, DOWNWASH, FLOW), table, caption, draw,
+    "reduction_percent", ("panel", "kind"),
+)  # fmt: skip

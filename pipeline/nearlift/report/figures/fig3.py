@@ -14,11 +14,11 @@ from matplotlib.ticker import MultipleLocator
 
 from nearlift.campaign.piv import Piv, PivCase
 from nearlift.likelihood import student
-from nearlift.report.evidence import Evidence, Part, frame, pick
+from nearlift.report.evidence import Evidence, frame, pick
 from nearlift.report.figures import flow_panels, style
 from nearlift.report.figures.flow_panels import cut, manifest, profile_rows
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, SERIES, Style
+from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed, plain
 from nearlift.stages.flow import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 
@@ -81,57 +81,52 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join([text, *reduced])
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """One colour scale for all fields, one velocity axis for all cross-sections."""
     names = list(table["panel"].unique())
     (x0, x1), (y0, y1) = flow_panels.limits(table)
     n = len(names)
     width = look.double_in if n > 1 else look.single_in
-    tall = (width - 0.9) / n * (y1 - y0) / (x1 - x0)
-    shared: Part = {"sharex": True, "sharey": "row", "height_ratios": (1.0, 0.5)}
-    figure, axes = style.canvas(look, 2, n, 1.45 * tall + 1.05, width, **shared)
+    height = 1.45 * (width - 0.9) / n * (y1 - y0) / (x1 - x0) + 1.05
+    figure, axes = style.canvas(
+        look, 2, n, height, width, sharex=True, sharey="row", height_ratios=(1.0, 0.5)
+    )
+    labels = [pick(table, panel=name, kind="node")["label"].iloc[0] for name in names]
+    style.title(axes.flat, [*labels, *["along the cut"] * n])
     norm: Any = flow_panels.highest(table)
     shade: Any = None
-    labels = [pick(table, panel=name, kind="node")["label"].iloc[0] for name in names]
-    titles = style.lettered([*labels, *["along the cut"] * n])
-    for i, (name, upper, lower) in enumerate(zip(names, *axes, strict=True)):
+    for name, upper, lower in zip(names, *axes, strict=True):
         mine = pick(table, panel=name)
-        shade = flow_panels.field(upper, mine, flow_panels.speeds(), norm)
+        shade = flow_panels.field(upper, mine, norm)
         for x, y in flow_panels.pairs(pick(mine, kind="span")):
             upper.plot(x, y, color="black", linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=5)
             lower.axvspan(*x, color="0.92", linewidth=0, zorder=0)
-        upper.set(xlim=(x0, x1), ylim=(y0, y1), title=titles[i])
+        upper.set(xlim=(x0, x1), ylim=(y0, y1))
         _section(lower, mine)
-        lower.set(title=titles[n + i], xlabel=flow_panels.X)
     axes[0, 0].set_ylabel(flow_panels.Y)
     axes[1, 0].set_ylabel("downwash (m/s)")
-    bar: Any = {"label": "airspeed (m/s)", "pad": 0.01, "aspect": 18}
-    figure.colorbar(shade, ax=axes[0].tolist(), **bar)
+    figure.colorbar(shade, ax=axes[0].tolist(), label="airspeed (m/s)", pad=0.01, aspect=18)
     return figure
 
 
 def _section(ax: Axes, mine: pd.DataFrame) -> None:
     style.zero(ax)
     control, profile = pick(mine, kind="control"), pick(mine, kind="profile")
-    dotted: Any = {"linestyle": (0, (1, 1.2)), "linewidth": 0.9}
-    ax.plot(control.x_hat, control.value_m_s, color="0.35", zorder=2, **dotted)
+    dotted = (0, (1, 1.2))
+    ax.plot(
+        control.x_hat, control.value_m_s, color="0.35", linestyle=dotted, linewidth=0.9, zorder=2
+    )
     colour, value = SERIES[0][0], profile["value_m_s"]
     reach = student.NORMAL_90 * profile["u_value_m_s"]
     style.band(ax, profile.x_hat, value - reach, value + reach, colour, alpha=0.3)
-    ax.plot(profile.x_hat, value, color=colour, linewidth=0.6, zorder=3)
     # what was mirrored is thin
-    measured = value.mask(profile["flag"] > 0)
-    ax.plot(profile.x_hat, measured, color=colour, linewidth=1.3, zorder=3)
+    for y, width in ((value, 0.6), (value.mask(profile["flag"] > 0), 1.3)):
+        ax.plot(profile.x_hat, y, color=colour, linewidth=width, zorder=3)
     ax.xaxis.set_major_locator(MultipleLocator(2))
+    ax.set_xlabel(flow_panels.X)
 
 
 FIGURE = FigureSpec(
-    name="fig3",
-    title="Flow near ground and ceiling",
-    needs=(DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="value_m_s",
-    within=("panel", "kind"),
-)
+    "fig3", "Flow near ground and ceiling", (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW),
+    table, caption, draw, "value_m_s", ("panel", "kind"),
+)  # fmt: skip

@@ -15,28 +15,29 @@ from matplotlib.figure import Figure
 from nearlift.campaign.piv import PivCase
 from nearlift.flow.field import VelocityField, difference
 from nearlift.report.evidence import Evidence, frame, groups, pick
-from nearlift.report.figures import flow_panels
+from nearlift.report.figures import flow_panels, style
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, Style, lettered
+from nearlift.report.figures.style import Style
 from nearlift.stages.flow import FLOW, FLOW_FIELDS
 
-LEVEL = 1e-3
+#: Cases with a smaller tilt are untilted, rad.
+LEVEL_RAD = 1e-3
 ROWS = ("ceiling", "ground")
 
 
 def cases(evidence: Evidence) -> list[PivCase]:
     """Untilted cases near a boundary, ceiling first, farthest first."""
     piv = manifest(evidence)
-    untilted = [c for c in piv.case if c.boundary in ROWS and abs(c.tilt) < LEVEL]
+    untilted = [c for c in piv.case if c.boundary in ROWS and abs(c.tilt) < LEVEL_RAD]
     return sorted(untilted, key=lambda c: (ROWS.index(c.boundary), -(c.z_hat or 0.0)))
 
 
-def as_field(evidence: Evidence, name: str) -> VelocityField:
+def _mean(evidence: Evidence, name: str) -> VelocityField:
     """The mean field of one case."""
-    table = evidence.frame(FLOW_FIELDS, case=name)
-    x, y = np.unique(table["x_m"]), np.unique(table["y_m"])
-    vx, vy = (table[name].to_numpy().reshape(len(y), len(x)) for name in ("vx_m_s", "vy_m_s"))
+    nodes = evidence.frame(FLOW_FIELDS, case=name)
+    x, y = np.unique(nodes["x_m"]), np.unique(nodes["y_m"])
+    vx, vy = (nodes[v].to_numpy().reshape(len(y), len(x)) for v in ("vx_m_s", "vy_m_s"))
     return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy)
 
 
@@ -45,9 +46,9 @@ def table(evidence: Evidence) -> pd.DataFrame:
     either has no vector. Empty where no case lies near a boundary.
     """
     parts = []
-    control = as_field(evidence, manifest(evidence).control)
+    control = _mean(evidence, manifest(evidence).control)
     for case in cases(evidence):
-        less = difference(as_field(evidence, case.name), control).ravel()
+        less = difference(_mean(evidence, case.name), control).ravel()
         parts += field_rows(evidence, case, title(case), less)
     return frame(parts, flow_panels.COLUMNS)
 
@@ -63,37 +64,34 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """Panels in the order of the table, broken into rows where the boundary changes."""
     panels = groups(pick(table, kind="node"), "panel", "label")
-    titles = dict(zip((name for name, _ in panels), lettered([t for _, t in panels]), strict=True))
     lines = [
-        [name for name, label in panels if label.startswith(boundary)]
+        [panel for panel in panels if panel[1].startswith(boundary)]
         for boundary in dict.fromkeys(label.split(",")[0] for _, label in panels)
     ]
     figure, axes = flow_panels.sheet(table, look, len(lines), max(map(len, lines)))
+    used = [ax for line, places in zip(lines, axes, strict=True) for ax in places[: len(line)]]
+    style.title(used, [label for _, label in panels])
     for line, places in zip(lines, axes, strict=True):
-        mine = table[(table["kind"] == "node") & table["panel"].isin(line)]
+        names = [name for name, _ in line]
+        mine = table[(table["kind"] == "node") & table["panel"].isin(names)]
         top = float(mine["value_m_s"].abs().quantile(0.995))
+        norm, colours = Normalize(-top, top), matplotlib.colormaps["RdBu_r"]
         shade: Any = None
         for ax in places[len(line) :]:
             ax.set_axis_off()
-        for name, ax in zip(line, places, strict=False):
-            rows, colours = pick(table, panel=name), matplotlib.colormaps["RdBu_r"]
-            norm = Normalize(-top, top)
-            shade = flow_panels.field(ax, rows, colours, norm, line_pt=0.35, density=0.5)
-            ax.set_title(titles[name])
-        bar: Any = {"label": "airspeed change from\ncontrol (m/s)", "pad": 0.01, "aspect": 14}
-        figure.colorbar(shade, ax=places.tolist(), extend="both", **bar)
+        for name, ax in zip(names, places, strict=False):
+            shade = flow_panels.field(ax, pick(table, panel=name), norm, colours, 0.35, 0.5)
+        figure.colorbar(
+            shade, ax=places.tolist(), extend="both", pad=0.01, aspect=14,
+            label="airspeed change from\ncontrol (m/s)",
+        )  # fmt: skip
     return figure
 
 
 FIGURE = FigureSpec(
-    name="fig4",
-    title="Change of airspeed from the control",
-    needs=(FLOW_FIELDS, FLOW),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="value_m_s",
-)
+    "fig4", "Change of airspeed from the control", (FLOW_FIELDS, FLOW), table, caption, draw,
+    "value_m_s",
+)  # fmt: skip

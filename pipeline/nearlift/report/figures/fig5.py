@@ -14,11 +14,11 @@ from matplotlib.lines import Line2D
 
 from nearlift.campaign.piv import PivCase
 from nearlift.report.evidence import Evidence, Part, frame, groups, pick
-from nearlift.report.figures import flow_panels
-from nearlift.report.figures.fig4 import LEVEL
-from nearlift.report.figures.flow_panels import ZONE, field_rows, manifest, origin, title
+from nearlift.report.figures import flow_panels, style
+from nearlift.report.figures.fig4 import LEVEL_RAD
+from nearlift.report.figures.flow_panels import ZONE, field_rows, manifest, origin
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, Look, Style, lettered
+from nearlift.report.figures.style import Style
 from nearlift.rounding import fixed
 from nearlift.stages.flow import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 
@@ -29,8 +29,8 @@ VORTICES = {1.0: (ZONE, "counter-clockwise vortex"), -1.0: ("white", "clockwise 
 
 def cases(evidence: Evidence) -> list[PivCase]:
     """Tilted ground cases from the most positive to the most negative tilt."""
-    tilted = [c for c in manifest(evidence).case if c.boundary == "ground" and abs(c.tilt) >= LEVEL]
-    return sorted(tilted, key=lambda c: -c.tilt)
+    ground = [c for c in manifest(evidence).case if c.boundary == "ground"]
+    return sorted((c for c in ground if abs(c.tilt) >= LEVEL_RAD), key=lambda c: -c.tilt)
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
@@ -40,7 +40,8 @@ def table(evidence: Evidence) -> pd.DataFrame:
     r = evidence.campaign.vehicle.rotor_radius
     parts = []
     for case in cases(evidence):
-        parts += field_rows(evidence, case, title(case, tilted=True))
+        label = f"$\\theta = {math.degrees(case.tilt):+.1f}^\\circ$"
+        parts += field_rows(evidence, case, label)
         for vortex in evidence.document(FLOW)["cases"][case.name]["vortices"]:
             core = {"x_hat": vortex["x_m"] / r, "y_hat": vortex["y_m"] / r}
             turns = float(np.sign(vortex["circulation_m2_s"]))
@@ -68,29 +69,28 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """One colour scale for all panels."""
     panels = groups(pick(table, kind="node"), "panel", "label")
     across = min(ACROSS, len(panels))
     figure, axes = flow_panels.sheet(table, look, -(-len(panels) // across), across, 0.7)
+    style.title(axes.flat, [label for _, label in panels])
     norm: Any = flow_panels.highest(table)
     shade: Any = None
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
-    mark: Look = {"marker": "o", "color": "black", "markersize": 4.2}
-    titles = lettered([label for _, label in panels])
-    for (name, _), text, ax in zip(panels, titles, axes.flat, strict=False):
+    mark: Part = {"marker": "o", "color": "black", "linestyle": "none", "markersize": 4.2}
+    for (name, _), ax in zip(panels, axes.flat, strict=False):
         mine = pick(table, panel=name)
-        shade = flow_panels.field(ax, mine, flow_panels.speeds(), norm)
+        shade = flow_panels.field(ax, mine, norm)
         for turns, (face, _) in VORTICES.items():
             core = pick(mine, kind="vortex", flag=turns)
-            of = mark | {"linestyle": "none", "markerfacecolor": face, "markeredgewidth": 0.8}
-            ax.plot(core.x_hat, core.y_hat, zorder=6, **of)
-        ax.set_title(text)
+            ax.plot(
+                core.x_hat, core.y_hat, markerfacecolor=face, markeredgewidth=0.8, zorder=6, **mark
+            )
     figure.colorbar(shade, ax=axes.ravel().tolist(), label="airspeed (m/s)", pad=0.01, aspect=30)
     handles = [
-        Line2D([], [], linestyle="none", markerfacecolor=face, label=name, **mark)
-        for face, name in VORTICES.values()
+        Line2D([], [], markerfacecolor=face, label=name, **mark) for face, name in VORTICES.values()
     ]
     handles.append(Line2D([], [], color=ZONE, linewidth=1.1, label="stagnation zone"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
@@ -98,11 +98,6 @@ def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
 
 
 FIGURE = FigureSpec(
-    name="fig5",
-    title="Wake over a tilted ground",
-    needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="value_m_s",
-)
+    "fig5", "Wake over a tilted ground", (FLOW_FIELDS, FLOW_TOPOLOGY, FLOW), table, caption, draw,
+    "value_m_s",
+)  # fmt: skip

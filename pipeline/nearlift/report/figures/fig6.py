@@ -18,7 +18,7 @@ from nearlift.declare import Boundary
 from nearlift.report.evidence import Evidence, Part, frame, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style, plain_text
+from nearlift.report.figures.style import SERIES, Style, plain_text
 from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
 
 SIDES: tuple[Boundary, ...] = ("ground", "ceiling")
@@ -51,13 +51,8 @@ def table(evidence: Evidence) -> pd.DataFrame:
             flown = pick(rates, preset=preset, boundary=side)
             for exponent in flown["exponent"].unique():
                 curve = pick(flown, exponent=exponent)
-                shared = {
-                    "row": preset,
-                    "panel": side,
-                    "label": curve["model"].iloc[0],
-                    "exponent": exponent,
-                    "x": curve["target_z_hat"],
-                }
+                shared = {"row": preset, "panel": side, "exponent": exponent}
+                shared |= {"label": curve["model"].iloc[0], "x": curve["target_z_hat"]}
                 ends = {"y": curve["rate"], "lo90": curve["lo90"], "hi90": curve["hi90"]}
                 parts.append({**shared, "kind": "crash", "flights": curve["flights"], **ends})
                 if exponent == 1:
@@ -119,33 +114,35 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """A row of panels for the flights and one for each preset that was flown."""
     rows = [r for r in TITLES if (table["row"] == r).any()]
     sides = list(table["panel"].unique())
     height = look.double_in * 0.33 * len(rows) + 0.25
     figure, axes = style.canvas(look, len(rows), len(sides), height, look.double_in)
-    titles = iter(style.lettered([f"{side}, {TITLES[row]}" for row in rows for side in sides]))
+    titles = []
     exponents = sorted(pick(table, kind="crash")["exponent"].unique())
     powers = [e for e in exponents if e not in (0, 1)]
-    colours = dict(zip(powers, POWERS, strict=False)) | {0.0: NONE, 1.0: MODEL}
+    colours = {0.0: NONE, 1.0: MODEL} | dict(zip(powers, POWERS, strict=False))
     for row, line in zip(rows, axes, strict=True):
         for side, ax in zip(sides, line, strict=True):
             panel = pick(table, row=row, panel=side)
-            title = next(titles)
+            titles.append(f"{side}, {TITLES[row]}")
             if row == "histories":
                 _histories(ax, panel, side)
             else:
                 _rates(ax, panel, colours, labelled=side == sides[-1])
-                title += f", {panel['flights'].max():.0f} flights a point"
-            ax.set_title(title)
+                titles[-1] += f", {panel['flights'].max():.0f} flights a point"
+    style.title(axes.flat, titles)
     special = {0.0: "no model ($L = L_\\infty$)", 1.0: "model, $L/L_\\infty$"}
-    legend: dict[str, tuple[str, Any]]
-    legend = {special.get(e, f"$(L/L_\\infty)^{{{e:g}}}$"): (colours[e], "-") for e in exponents}
-    words = ("power $(L/L_\\infty)^{-3/2}$", "power $(L/L_\\infty)^{-1}$")
-    legend |= {w: (COST_COLOUR, s) for w, s in zip(words, COST.values(), strict=True)}
-    handles = [Line2D([], [], color=c, linestyle=s) for c, s in legend.values()]
-    figure.legend(handles, list(legend), loc="outside lower center", ncols=-(-len(legend) // 2))
+    handles = [
+        Line2D([], [], color=colours[e], label=special.get(e, f"$(L/L_\\infty)^{{{e:g}}}$"))
+        for e in exponents
+    ]
+    for power, dashes in zip(("-3/2", "-1"), COST.values(), strict=True):
+        label = f"power $(L/L_\\infty)^{{{power}}}$"
+        handles.append(Line2D([], [], color=COST_COLOUR, linestyle=dashes, label=label))
+    figure.legend(handles=handles, loc="outside lower center", ncols=-(-len(handles) // 2))
     return figure
 
 
@@ -156,15 +153,12 @@ def _histories(ax: Axes, rows: pd.DataFrame, side: str) -> None:
         name = "no model" if label == "none" else f"with {plain_text(label)}"
         ax.plot(mine.x, mine.y, color=shade, linewidth=0.8, label=name)
         touched = mine[mine["y"] <= 0]
-        mark: Look = {"markersize": 5, "markeredgewidth": 1.2, "zorder": 5}
-        ax.plot(touched.x, touched.y, "x", color=shade, **mark)
-    ax.set_xlim(rows["x"].min(), rows["x"].max())
+        ax.plot(touched.x, touched.y, "x", color=shade, markersize=5, markeredgewidth=1.2, zorder=5)
     ax.axhline(0, color="0.45", linewidth=1.6, zorder=0)
     # room for the legend, and for the boundary with its crosses on this side of the frame
     top = 1.22 * float(rows["y"].max())
-    ax.set_ylim(-0.09 * top, top)
-    ax.set_xlabel("time (s)")
-    ax.set_ylabel(f"distance {nomenclature.label('z_hat')}")
+    ax.set(xlim=(rows["x"].min(), rows["x"].max()), ylim=(-0.09 * top, top))
+    ax.set(xlabel="time (s)", ylabel=f"distance {nomenclature.label('z_hat')}")
     if side == "ceiling":
         # as one sees it: the ceiling above
         ax.invert_yaxis()
@@ -177,27 +171,26 @@ def _rates(ax: Axes, rows: pd.DataFrame, colours: dict[float, str], labelled: bo
         style.band(ax, mine.x, 100 * mine.lo90, 100 * mine.hi90, shade, alpha=0.14)
         width = 1.3 if exponent in (0, 1) else 0.9
         ax.plot(mine.x, 100 * mine.y, color=shade, linewidth=width)
-    ax.set_ylim(-2, 102)
-    ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
-    ax.set_ylabel("crash rate (%)")
-    right: Any = ax.twinx()
+    right = rate_axes(ax)
     for kind, dashes in COST.items():
         mine = pick(rows, kind=kind)
         right.plot(mine.x, mine.y, color=COST_COLOUR, linestyle=dashes)
     right.set_ylim(0.5, 1.02)
-    right.tick_params(axis="y", colors=COST_COLOUR)
-    ax.tick_params(axis="y", right=False)
     if labelled:
         right.set_ylabel("relative power to hover", color=COST_COLOUR)
 
 
+def rate_axes(ax: Axes) -> Axes:
+    """Label crash rate against set-point; the axes of power at its right."""
+    ax.set(xlabel=f"set-point {nomenclature.label('target_z_hat')}", ylabel="crash rate (%)")
+    ax.set_ylim(-2, 102)
+    ax.tick_params(axis="y", right=False)
+    right = ax.twinx()
+    right.tick_params(axis="y", colors=COST_COLOUR)
+    return right
+
+
 FIGURE = FigureSpec(
-    name="fig6",
-    title="Crash rates and energy, as the paper has them",
-    needs=(CRASH_RATES, FLIGHTS, SAFETY),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="y",
-    within=("row", "panel"),
-)
+    "fig6", "Crash rates and energy, as the paper has them", (CRASH_RATES, FLIGHTS, SAFETY),
+    table, caption, draw, "y", ("row", "panel"),
+)  # fmt: skip

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, MaxNLocator
 from PIL import Image
 
-from nearlift.report.figures.style import DPI, Style, context
+from nearlift.report.figures import style
+from nearlift.report.figures.style import DPI, Style
 
 Draw = Callable[[pd.DataFrame, Style], Figure]
 #: Intervals between the ticks of an axis, at most.
@@ -28,33 +29,50 @@ METADATA = {"CreationDate": None, "Producer": None, "Creator": None}
 
 def drawn(draw: Draw, table: pd.DataFrame, look: Style) -> Figure:
     """The figure as the report shows it, with its layout engine on."""
-    with context(look):
+    with style.context():
         figure = draw(table, look)
-        for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
-            if isinstance(axis.get_major_locator(), AutoLocator):
-                axis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]))
+        for ax in figure.axes:
+            # the layout would place all ticks again for each side of a frame, which is the panel's
+            ax.spines[:].set_in_layout(False)
+            for axis in (ax.xaxis, ax.yaxis):
+                if isinstance(axis.get_major_locator(), AutoLocator):
+                    axis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]))
         if look.simulated:
-            _mark(figure, look)
+            _mark(figure)
         return figure
 
 
+def _mark(figure: Figure) -> None:
+    """Say in the image that the records are simulated."""
+    share = 0.14 / float(figure.get_figheight())
+    layout: Any = figure.get_layout_engine()
+    if layout is not None:
+        layout.set(rect=(0.012, share, 0.976, 1 - share))
+    figure.text(
+        0.995, 0.1 * share, "simulated records, not measured", ha="right", va="bottom",
+        color="0.35", fontsize=style.SMALL_PT, in_layout=False,
+    )  # fmt: skip
+
+
 def render(draw: Draw, table: pd.DataFrame, look: Style) -> dict[str, bytes]:
-    """Draw a figure and save it: ``{"pdf": ..., "png": ...}``."""
-    with context(look):
+    """Draw a figure and save it: ``{"pdf": ..., "png": ...}``.
+
+    The layout is solved once, with the letters of the PNG, and serves both files.
+    """
+    with style.context():
         figure = drawn(draw, table, look)
-        # one layout for both files, by the letters of the PDF
-        FigureCanvasPdf(figure)
-        settle(figure)
-        pdf, png = io.BytesIO(), io.BytesIO()
-        figure.savefig(pdf, format="pdf", metadata=METADATA)
         figure.set_dpi(DPI)
         canvas: Any = FigureCanvasAgg(figure)
+        settle(figure)
         canvas.draw()
-        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        pdf, png = io.BytesIO(), io.BytesIO()
         # indexed colours take a third of the bytes
-        picture.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
-            png, "PNG", dpi=(DPI, DPI)
-        )
+        Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(
+            256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+        ).save(png, "PNG", dpi=(DPI, DPI))
+        # savefig would draw the whole figure once more, to find its size
+        paper: Any = FigureCanvasPdf(figure)
+        paper.print_pdf(pdf, metadata=METADATA)
     return {"pdf": pdf.getvalue(), "png": png.getvalue()}
 
 
@@ -67,28 +85,11 @@ def settle(figure: Figure) -> None:
         return
     engine.execute(figure)
     figure.set_layout_engine("none")
-    parts: list[Any] = [*figure.subfigs]
-    for part in parts:
-        parts += part.subfigs
+    parts: list[Any] = [figure, *figure.subfigs]
+    for part in parts[1:]:
         part.bbox_relative.p0 = np.round(part.bbox_relative.p0, DECIMALS)
         part.bbox_relative.p1 = np.round(part.bbox_relative.p1, DECIMALS)
     for ax in figure.axes:
-        place = ax.get_position(original=True)
-        ends = np.round([place.x0, place.y0, place.width, place.height], DECIMALS)
-        ax.set_position((ends[0], ends[1], ends[2], ends[3]))
-    for part in (figure, *parts):
-        for text in part.texts:
-            text.set_position(np.round(text.get_position(), DECIMALS).tolist())
-
-
-def _mark(figure: Figure, look: Style) -> None:
-    """Say in the image that the records are simulated."""
-    share = 0.14 / float(figure.get_figheight())
-    layout: Any = figure.get_layout_engine()
-    if layout is not None:
-        layout.set(rect=(0.012, share, 0.976, 1 - share))
-    small, words = look.text_pt - 1, "simulated records, not measured"
-    figure.text(
-        0.995, 0.1 * share, words, ha="right", va="bottom", color="0.35", fontsize=small,
-        in_layout=False,
-    )  # fmt: skip
+        ax.set_position(np.round(ax.get_position(original=True).bounds, DECIMALS).tolist())
+    for text in (text for part in parts for text in part.texts):
+        text.set_position(np.round(text.get_position(), DECIMALS).tolist())

@@ -5,7 +5,7 @@ colour and streamlines on an axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 import matplotlib
@@ -22,7 +22,7 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.field import Scene
 from nearlift.report.evidence import Evidence, Part, pick
 from nearlift.report.figures import style
-from nearlift.report.figures.style import SERIES, Look, Style
+from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed
 from nearlift.stages.flow import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 
@@ -32,10 +32,13 @@ COLUMNS = (
     *("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag"),
 )
 X, Y = r"$x / r$", r"$y / r$"
-UNOBSERVED = "0.80"
-LINES = "0.10"
+UNOBSERVED, LINES = "0.80", "0.10"
 #: Colour of stagnation zones.
 ZONE = SERIES[1][0]
+#: Light to blue, without the darkest end, so that black streamlines show everywhere.
+SPEEDS = LinearSegmentedColormap.from_list(
+    "speeds", matplotlib.colormaps["YlGnBu"](np.linspace(0.0, 0.78, 128))
+)
 
 
 def manifest(evidence: Evidence) -> Piv:
@@ -44,10 +47,8 @@ def manifest(evidence: Evidence) -> Piv:
     return evidence.campaign.piv
 
 
-def title(case: PivCase, tilted: bool = False) -> str:
+def title(case: PivCase) -> str:
     """Title of a panel."""
-    if tilted:
-        return f"$\\theta = {math.degrees(case.tilt):+.1f}^\\circ$"
     return "control" if case.z_hat is None else f"{case.boundary}, $\\hat{{z}} = {case.z_hat:g}$"
 
 
@@ -58,18 +59,11 @@ def field_rows(
     r = evidence.campaign.vehicle.rotor_radius
     flow = evidence.frame(FLOW_FIELDS, case=case.name)
     rotors = tuple(manifest(evidence).setting(case, "rotors"))
-    speed = np.hypot(flow["vx_m_s"], flow["vy_m_s"])
-    parts: list[Part] = [
-        {
-            "kind": "node",
-            "x_hat": flow["x_m"] / r,
-            "y_hat": flow["y_m"] / r,
-            "vx_m_s": flow["vx_m_s"],
-            "vy_m_s": flow["vy_m_s"],
-            "value_m_s": speed if value is None else value,
-            "flag": flow["stagnant"],
-        }
-    ]
+    node: Part = {"x_hat": flow["x_m"] / r, "y_hat": flow["y_m"] / r, "flag": flow["stagnant"]}
+    node |= {"vx_m_s": flow["vx_m_s"], "vy_m_s": flow["vy_m_s"], "value_m_s": value}
+    if value is None:
+        node["value_m_s"] = np.hypot(flow["vx_m_s"], flow["vy_m_s"])
+    parts: list[Part] = [{"kind": "node", **node}]
     parts += [{"kind": "rotor", "x_hat": [c / r - 1, c / r + 1], "y_hat": 0.0} for c in rotors]
     if case.boundary != "none":
         ends = np.array([flow["x_m"].min() - 2 * r, flow["x_m"].max() + 2 * r])
@@ -120,40 +114,21 @@ def reduction_text(row: Part) -> str:
 
 def origin(evidence: Evidence, shown: Iterable[str]) -> str:
     """Origin of the fields for captions: simulated or measured, their number, mirrored ones."""
-    every = evidence.document(FLOW)["cases"]
-    facts = {name: every[name] for name in shown}
-    counts = sorted({int(f["fields"]) for f in facts.values()})
-    number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    said = (
-        f"{'SIMULATED fields, no measurement. ' if evidence.campaign.simulated else ''}Each panel"
-        f" is the mean of {number} velocity fields"
-    )
-    reflected = [n for n, f in facts.items() if f["mirrored"]]
+    cases = [evidence.document(FLOW)["cases"][name] for name in shown]
+    counts = sorted({int(case["fields"]) for case in cases})
+    number = " to ".join(dict.fromkeys(str(end) for end in (counts[0], counts[-1])))
+    simulated = "SIMULATED fields, no measurement. " if evidence.campaign.simulated else ""
+    said = f"{simulated}Each panel is the mean of {number} velocity fields"
+    reflected = sum(bool(case["mirrored"]) for case in cases)
     if reflected:
-        share = "all" if len(reflected) == len(facts) else f"{len(reflected)} of {len(facts)}"
+        share = "all" if reflected == len(cases) else f"{reflected} of {len(cases)}"
         said += f"; in {share} cases one half was measured and the other is its reflection"
     return said + "."
-
-
-def speeds() -> Colormap:
-    """Light to blue, without the darkest end, so that black streamlines show everywhere."""
-    base = matplotlib.colormaps["YlGnBu"]
-    return LinearSegmentedColormap.from_list("speeds", base(np.linspace(0.0, 0.78, 128)))
 
 
 def highest(table: pd.DataFrame) -> Normalize:
     """Scale of speeds up to the fastest but a thousandth of all nodes."""
     return Normalize(0, float(pick(table, kind="node")["value_m_s"].quantile(0.999)))
-
-
-def _map(node: pd.DataFrame, name: str) -> tuple[Any, Any, Any]:
-    """Axes and a masked map of one column of nodes; the axes are exactly even, as streamlines need
-    them.
-    """
-    grid = node.pivot(index="y_hat", columns="x_hat", values=name)
-    x, y = (np.unique(node[name]) for name in ("x_hat", "y_hat"))
-    x, y = (np.linspace(ends[0], ends[-1], len(ends)) for ends in (x, y))
-    return x, y, np.ma.masked_invalid(grid.to_numpy(dtype=float))
 
 
 def limits(table: pd.DataFrame) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -174,8 +149,9 @@ def sheet(
     (x0, x1), (y0, y1) = limits(table)
     tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
     height = down * (tall + 0.25) + more_in
-    shared: Part = {"sharex": True, "sharey": True}
-    figure, axes = style.canvas(look, down, across, height, look.double_in, **shared)
+    figure, axes = style.canvas(
+        look, down, across, height, look.double_in, sharex=True, sharey=True
+    )
     axes[0, 0].set(xlim=(x0, x1), ylim=(y0, y1))
     for ax in axes[:, 0]:
         ax.set_ylabel(Y)
@@ -187,31 +163,42 @@ def sheet(
 def field(
     ax: Axes,
     rows: pd.DataFrame,
-    cmap: Colormap,
     norm: Normalize,
+    cmap: Colormap = SPEEDS,
     line_pt: float = 0.45,
     density: float = 0.6,
 ) -> Any:
     """Draw one panel with the outline of its stagnation zone; returns what a colour bar needs."""
     node, wall = pick(rows, kind="node"), pick(rows, kind="boundary")
-    x, y, value = _map(node, "value_m_s")
-    ax.set_facecolor(UNOBSERVED)
+    grid = node.pivot(index="y_hat", columns="x_hat")
+    value, vx, vy, zone = (
+        np.ma.masked_invalid(grid[name].to_numpy(dtype=float))
+        for name in ("value_m_s", "vx_m_s", "vy_m_s", "flag")
+    )
+    # exactly even, as streamlines need them
+    x, y = (
+        np.linspace(node[name].min(), node[name].max(), n)
+        for name, n in zip(("x_hat", "y_hat"), value.shape[::-1], strict=True)
+    )
     wide, high = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
-    ends = (x[0] - wide, x[-1] + wide, y[0] - high, y[-1] + high)
-    look: Look = {"origin": "lower", "interpolation": "nearest", "zorder": 0}
-    shade = ax.imshow(value, cmap=cmap, norm=norm, extent=ends, **look)
-    (*_, vx), (*_, vy) = _map(node, "vx_m_s"), _map(node, "vy_m_s")
-    drawn: Look = {"color": LINES, "linewidth": line_pt, "density": density}
-    stream = ax.streamplot(x, y, vx, vy, num_arrows=0, zorder=2, **drawn)
+    ax.set_facecolor(UNOBSERVED)
+    shade = ax.imshow(
+        value, cmap=cmap, norm=norm, origin="lower", interpolation="nearest", zorder=0,
+        extent=(x[0] - wide, x[-1] + wide, y[0] - high, y[-1] + high),
+    )  # fmt: skip
+    stream = ax.streamplot(
+        x, y, vx, vy, num_arrows=0, zorder=2, color=LINES, linewidth=line_pt, density=density
+    )
     _heads(ax, stream.lines.get_segments())
     for end in pairs(pick(rows, kind="rotor")):
         ax.plot(*end, color="black", linewidth=2.0, solid_capstyle="butt", zorder=4)
     if len(wall):
         outside = -50.0 if wall["flag"].iloc[0] > 0 else 50.0
-        hatched: Look = {"facecolor": "white", "edgecolor": "0.55", "hatch": "/////"}
-        ax.fill_between(wall.x_hat, wall.y_hat, outside, linewidth=0, zorder=3, **hatched)
+        ax.fill_between(
+            wall.x_hat, wall.y_hat, outside, linewidth=0, zorder=3, facecolor="white",
+            edgecolor="0.55", hatch="/////",
+        )  # fmt: skip
         ax.plot(wall.x_hat, wall.y_hat, color="black", linewidth=1.0, zorder=3.5)
-    *_, zone = _map(node, "flag")
     if zone.max() > 0:
         ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
     ax.set_aspect("equal")
@@ -228,16 +215,14 @@ def _heads(ax: Axes, lines: Iterable[Any]) -> None:
     along = middle[:, 1] - middle[:, 0]
     length = np.hypot(along[:, 0], along[:, 1])
     seen = length > 0
-    heads: Look = {"headwidth": 4.5, "headlength": 5, "headaxislength": 5, "minlength": 0}
-    size: Part = {"angles": "xy", "units": "inches", "scale_units": "inches"}
-    direction = along[seen] / length[seen, None]
     ax.quiver(
-        *middle[seen, 0].T, *direction.T, scale=18, width=0.009, pivot="mid", color=LINES,
-        zorder=2.1, **heads, **size,
+        *middle[seen, 0].T, *(along[seen] / length[seen, None]).T, scale=18, width=0.009,
+        pivot="mid", color=LINES, zorder=2.1, angles="xy", units="inches", scale_units="inches",
+        headwidth=4.5, headlength=5, headaxislength=5, minlength=0,
     )  # fmt: skip
 
 
-def pairs(rows: pd.DataFrame) -> Iterator[tuple[Any, Any]]:
+def pairs(rows: pd.DataFrame) -> list[tuple[Any, Any]]:
     """Line segments from rows that come two by two."""
-    for i in range(0, len(rows), 2):
-        yield rows["x_hat"][i : i + 2], rows["y_hat"][i : i + 2]
+    ends = (slice(i, i + 2) for i in range(0, len(rows), 2))
+    return [(rows["x_hat"][end], rows["y_hat"][end]) for end in ends]

@@ -4,7 +4,7 @@ and the next campaign beneath them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,8 @@ from matplotlib.ticker import MaxNLocator
 from nearlift.nomenclature import VERDICTS
 from nearlift.report.evidence import Part, frame, groups, pick, records
 from nearlift.report.figures import style
-from nearlift.report.figures.style import BAND, DEFAULT, SERIES, Look, Style, labelled, plain_text
-from nearlift.results.comparison import CampaignComparison, ComparedCoefficient
+from nearlift.report.figures.style import BAND, SERIES, Style
+from nearlift.results.comparison import CampaignComparison
 from nearlift.results.estimate import Estimate
 from nearlift.rounding import like
 
@@ -27,30 +27,25 @@ COLUMNS = (
     *("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict"),
     *("value", "lo90", "hi90"),
 )
-LINE_IN = 0.17
 
 
 def table(comparison: CampaignComparison) -> pd.DataFrame:
     """Rows of the comparison: `kind` is campaign, population or next."""
-    rows = [
-        {"panel": group.boundary, "coefficient": group.coefficient, **line}
-        for group in comparison.groups
-        for line in _lines(group)
-    ]
-    return frame(rows, COLUMNS)
-
-
-def _lines(group: ComparedCoefficient) -> Iterator[Part]:
-    for c in group.campaigns:
-        about = {"label": c.campaign, "vehicle": c.vehicle, "verdict": c.verdict}
-        yield {"kind": "campaign", **about, **_interval(c.quoted)}
-    if together := group.population:
-        yield {"kind": "population", "label": "population mean", **_interval(together.mean)}
-        yield {"kind": "next", "label": "next campaign", **_interval(together.next)}
-
-
-def _interval(e: Estimate) -> Part:
-    return {"unit": e.unit, "value": e.value, "lo90": e.lo90, "hi90": e.hi90}
+    parts: list[Part] = []
+    for group in comparison.groups:
+        rows: list[tuple[Part, Estimate]] = [
+            ({"label": c.campaign, "vehicle": c.vehicle, "verdict": c.verdict}, c.quoted)
+            for c in group.campaigns
+        ]
+        if group.population:
+            rows.append(({"kind": "population", "label": "population mean"}, group.population.mean))
+            rows.append(({"kind": "next", "label": "next campaign"}, group.population.next))
+        about = {"panel": group.boundary, "coefficient": group.coefficient, "kind": "campaign"}
+        parts += [
+            {**about, "unit": e.unit, "value": e.value, "lo90": e.lo90, "hi90": e.hi90, **row}
+            for row, e in rows
+        ]
+    return frame(parts, COLUMNS)
 
 
 def interval(value: float, low: float, high: float) -> str:
@@ -73,18 +68,18 @@ def caption(table: pd.DataFrame) -> str:
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """Campaigns from top to bottom in the order given."""
     keys = groups(table, "panel", "coefficient", "unit")
     panels = [pick(table, panel=b, coefficient=c) for b, c, _ in keys]
     lines = [len(rows) for rows in panels]
-    height = LINE_IN * (sum(lines) + 3.2 * len(panels)) + 0.3
-    ratios: Look = {"height_ratios": [n + 1.5 for n in lines]}
-    figure, axes = style.canvas(look, len(panels), 1, height, 1.25 * look.single_in, **ratios)
+    height = 0.17 * (sum(lines) + 3.2 * len(panels)) + 0.3
+    figure, axes = style.canvas(
+        look, len(panels), 1, height, 1.25 * look.single_in, height_ratios=[n + 1.5 for n in lines]
+    )
     for ax, (boundary, coefficient, unit), rows in zip(axes[:, 0], keys, panels, strict=True):
         _panel(ax, rows)
-        ax.set_title(boundary)
-        ax.set_xlabel(labelled(coefficient, unit), labelpad=1)
+        ax.set(title=boundary, xlabel=style.labelled(coefficient, unit))
     seen = set(pick(table, kind="campaign")["verdict"])
     handles = [Line2D([], [], label=VERDICTS[v], **_symbol(v)) for v in VERDICTS if v in seen]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, columnspacing=1.0)
@@ -93,19 +88,17 @@ def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
 
 def _panel(ax: Axes, rows: pd.DataFrame) -> None:
     y = -np.arange(len(rows), dtype=float)
-    accent = SERIES[1][0]
     for at, row in zip(y, records(rows), strict=True):
-        span = [row.lo90, row.hi90]
+        campaign = row.kind == "campaign"
+        colour = SERIES[0 if campaign else 1][0]
+        dashes: Any = (0, (3, 1.5)) if row.kind == "next" else "-"
+        ax.plot([row.lo90, row.hi90], [at, at], color=colour, linestyle=dashes, zorder=2)
         if row.kind == "population":
             ax.axvspan(row.lo90, row.hi90, color=BAND, alpha=0.45, linewidth=0, zorder=0)
-            ax.plot(span, [at] * 2, color=accent, zorder=3)
-            ax.plot(row.value, at, "D", color=accent, zorder=4)
-        elif row.kind == "next":
-            ax.plot(span, [at] * 2, color=accent, linestyle=(0, (3, 1.5)), zorder=3)
-        else:
-            ax.plot(span, [at] * 2, color=SERIES[0][0], zorder=2)
-            ax.plot(row.value, at, zorder=3, **_symbol(str(row.verdict)))
-    ax.set_yticks(y, [plain_text(label) for label in rows["label"]])
+        if row.kind != "next":
+            symbol = _symbol(row.verdict) if campaign else {"marker": "D", "color": colour}
+            ax.plot(row.value, at, zorder=3, **symbol)
+    ax.set_yticks(y, [style.plain_text(label) for label in rows["label"]])
     ax.tick_params(axis="y", length=0, right=False)
     ax.set_ylim(y[-1] - 0.7, 0.7)
     ax.xaxis.set_major_locator(MaxNLocator(6))
@@ -113,7 +106,7 @@ def _panel(ax: Axes, rows: pd.DataFrame) -> None:
     ax.set_axisbelow(True)
 
 
-def _symbol(verdict: str) -> Look:
+def _symbol(verdict: str) -> dict[str, Any]:
     """Look of a campaign: only an open symbol has unexplained structure."""
     colour = SERIES[0][0]
     inside = "white" if verdict == "unexplained" else colour

@@ -14,7 +14,7 @@ from nearlift.nomenclature import letter, mathematics
 from nearlift.report.evidence import Evidence, Part, frame, groups, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, REFERENCES, SERIES, Look, Style
+from nearlift.report.figures.style import REFERENCES, SERIES, Style
 from nearlift.stages.fit import FIT, PROFILES
 
 #: Profiles are drawn up to this rise of chi2.
@@ -38,17 +38,17 @@ def table(evidence: Evidence) -> pd.DataFrame:
         every = evidence.frame(PROFILES, boundary=boundary, model=model.name)
         every = every[every[["rise", "quadratic"]].min(axis=1) < TOP + 3]
         for name, interval in entry.profiles.items():
-            curve = pick(every, parameter=name).rename(columns={"value": "x"})
+            curve = every[every["parameter"] == name]
             if not len(curve):
                 continue
-            of = {"panel": boundary, "parameter": name, "unit": entry.parameters[name].unit}
-            drawn = {c: curve[c].to_numpy() for c in ("x", "rise", "quadratic")}
-            parts.append({**of, "kind": "profile", **drawn})
+            about = {"panel": boundary, "parameter": name, "unit": entry.parameters[name].unit}
+            x, rises = curve["value"], curve[["rise", "quadratic"]]
+            parts.append({**about, "kind": "profile", "x": x, **rises})
             for level in LEVELS:
                 ends = np.array([getattr(interval, f"{end}{level}") for end in ("lo", "hi")])
                 ends = ends[np.isfinite(ends)]
-                there = {c: np.interp(ends, drawn["x"], drawn[c]) for c in ("rise", "quadratic")}
-                parts.append({**of, "kind": str(level), "x": ends, **there})
+                there = {str(c): np.interp(ends, x, rise) for c, rise in rises.items()}
+                parts.append({**about, "kind": str(level), "x": ends, **there})
     return frame(parts, COLUMNS)
 
 
@@ -78,7 +78,7 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """Panels in rows of four, one axis of chi2."""
     panels = groups(table, "panel", "parameter", "unit")
     across = min(len(panels), ACROSS)
@@ -87,13 +87,12 @@ def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     figure, axes = style.canvas(look, down, across, height, sharey=True)
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
-    titles = style.lettered([boundary for boundary, *_ in panels])
-    for ax, title, (boundary, name, unit) in zip(axes.flat, titles, panels, strict=False):
+    style.title(axes.flat, [boundary for boundary, *_ in panels])
+    for ax, (boundary, name, unit) in zip(axes.flat, panels, strict=False):
         _panel(ax, pick(table, panel=boundary, parameter=name))
-        ax.set_xlabel(mathematics(name) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
-        ax.set_title(title)
-    for line in axes:
-        line[0].set_ylabel(r"rise of $\chi^2$")
+        ax.set_xlabel(mathematics(name) + (f" ({unit})" if unit != "1" else ""))
+    for ax in axes[:, 0]:
+        ax.set_ylabel(r"rise of $\chi^2$")
     handles, names = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=5 if across > 1 else 3)
     return figure
@@ -105,8 +104,10 @@ def _panel(ax: Axes, rows: pd.DataFrame) -> None:
     ax.plot(curve.x, curve.rise, color=SERIES[0][0], label="profile", zorder=2)
     for level, (colour, marker) in LEVELS.items():
         ends = pick(rows, kind=str(level))
-        mark: Look = {"markeredgecolor": "white", "markeredgewidth": 0.4, "zorder": 3}
-        ax.plot(ends.x, ends.rise, marker, color=colour, label=f"{level} %", **mark)
+        ax.plot(
+            ends.x, ends.rise, marker, color=colour, label=f"{level} %", zorder=3,
+            markeredgecolor="white", markeredgewidth=0.4,
+        )  # fmt: skip
         ax.vlines(ends.x, 0, ends.rise, color=colour, linewidth=0.6, zorder=1)
     ax.set_ylim(0, TOP)
     low, high = curve["x"][curve["rise"] < TOP].agg(["min", "max"])
@@ -115,12 +116,6 @@ def _panel(ax: Axes, rows: pd.DataFrame) -> None:
 
 
 FIGURE = FigureSpec(
-    name="profiles",
-    title="Profile likelihoods",
-    needs=(FIT, PROFILES),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="rise",
-    within=("panel", "parameter"),
-)
+    "profiles", "Profile likelihoods", (FIT, PROFILES), table, caption, draw, "rise",
+    ("panel", "parameter"),
+)  # fmt: skip

@@ -8,7 +8,6 @@ trial in the noise model.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from nearlift.report.evidence import Evidence, Part, frame, pick, where
 from nearlift.report.figures import style
 from nearlift.report.figures.binning import abscissa, bins, columns, means, shown_x
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style
+from nearlift.report.figures.style import SERIES, Style
 from nearlift.results import Observations
 from nearlift.stages.diagnose import LOOP_RESIDUALS
 from nearlift.stages.fit import FIT
@@ -44,7 +43,7 @@ ORDER = (
     *("z_hat", "throttle_percent", "run_order", "start_s", "session"),
     *("supply_V", "temperature_K", "tilt_rad", "approach"),
 )
-#: Colour and symbol of bin means: of the quoted model, and of the base model.
+#: Colour and symbol of bin means: of the base model, and of the quoted model.
 LOOKS = {"base": SERIES[1], "bin": SERIES[2]}
 
 
@@ -71,9 +70,7 @@ def residuals(evidence: Evidence, boundary: Boundary) -> Residuals:
     kept, diagnosed = evidence.fits.noise[boundary], evidence.diagnosed(boundary)
     if diagnosed and evidence.quoted(boundary).effects and evidence.has(LOOP_RESIDUALS):
         loop = evidence.frame(LOOP_RESIDUALS, boundary=boundary).set_index("trial")
-        base, quoted = (
-            loop[when].reindex(data.trial).to_numpy(dtype=float) for when in ("before", "after")
-        )
+        base, quoted = loop[["before", "after"]].reindex(data.trial).to_numpy(dtype=float).T
         kept = diagnosed.noise
     sigma = noise.trial_covariance(data, kept, height_slope(model, data, fit.values)).sigma
     return Residuals(data=data, quoted=quoted, base=base, sigma=sigma)
@@ -91,15 +88,15 @@ def table(evidence: Evidence, every: bool = False) -> pd.DataFrame:
     parts: list[Part] = []
     shown = _on_paper(evidence)
     for boundary in evidence.boundaries:
-        of = residuals(evidence, boundary)
+        drawn = residuals(evidence, boundary)
         varying = {
             name: x
-            for name, x in columns(of.data).items()
+            for name, x in columns(drawn.data).items()
             if len(np.unique(x[np.isfinite(x)])) > 1 and (every or name in shown)
         }
         for name in sorted(varying, key=lambda n: ORDER.index(n) if n in ORDER else len(ORDER)):
             panel = {"panel": boundary, "covariate": name}
-            parts += [{**panel, **part} for part in _panel(of, varying[name])]
+            parts += [{**panel, **part} for part in _panel(drawn, varying[name])]
     return frame(parts, COLUMNS)
 
 
@@ -108,33 +105,26 @@ def _on_paper(evidence: Evidence) -> set[str]:
     names = {"z_hat", "throttle_percent", "run_order"}
     for boundary in evidence.boundaries:
         diagnosed = evidence.diagnosed(boundary)
-        significant = (
-            [s.covariate for s in diagnosed.structure if s.significant] if diagnosed else []
-        )
-        words = {
-            name: SCHEDULE_WORDS.get(name, name)
-            for name in evidence.observations[boundary].covariates
-        }
-        names |= {name for name, word in words.items() if word in significant[:1]}
+        structure = diagnosed.structure if diagnosed else ()
+        largest = [s.covariate for s in structure if s.significant][:1]
+        covariates = evidence.observations[boundary].covariates
+        names |= {name for name in covariates if SCHEDULE_WORDS.get(name, name) in largest}
     return names
 
 
-def _panel(of: Residuals, x: FloatArray) -> list[Part]:
-    keep = np.isfinite(x) & np.isfinite(of.quoted)
-    x, quoted, sigma = x[keep], 100 * of.quoted[keep], 100 * of.sigma[keep]
-    label = bins(x)
-    expected = np.sqrt(np.bincount(label, sigma**2) / np.bincount(label))
-    drawn = {"bin": quoted} | ({} if of.base is None else {"base": 100 * of.base[keep]})
-    parts: list[Part] = [
-        {"kind": "trial", "trial": of.data.trial[keep], "x": x, "residual_percent": quoted}
-    ]
-    for kind, residual in drawn.items():
+def _panel(drawn: Residuals, x: FloatArray) -> list[Part]:
+    keep = np.isfinite(x) & np.isfinite(drawn.quoted)
+    x, quoted, sigma = x[keep], 100 * drawn.quoted[keep], 100 * drawn.sigma[keep]
+    label, trial = bins(x), drawn.data.trial[keep]
+    parts: list[Part] = [{"kind": "trial", "trial": trial, "x": x, "residual_percent": quoted}]
+    each = {"bin": quoted} | ({} if drawn.base is None else {"base": 100 * drawn.base[keep]})
+    for kind, residual in each.items():
         count, centre, mean, error = means(x, residual, label)
-        values = {"residual_percent": mean, "u_residual_percent": error}
-        parts.append({"kind": kind, "x": centre, **values, "n_trials": count})
-    _, centre, _, _ = means(x, quoted, label)
+        values = {"residual_percent": mean, "u_residual_percent": error, "n_trials": count}
+        parts.append({"kind": kind, "x": centre, **values})
+    expected = np.sqrt(np.bincount(label, sigma**2) / np.bincount(label))
     level = {"residual_percent": 0.0, "u_residual_percent": expected}
-    return [*parts, {"kind": "noise", "x": centre, **level}]
+    return [*parts, {"kind": "noise", "x": parts[1]["x"], **level}]
 
 
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
@@ -157,29 +147,25 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
         lost = np.count_nonzero(rejected(trials["quality"]))
         beyond = evidence.observations[boundary].n - shown
         notes = [f"{shown} trials", *([f"{lost} rejected (not shown)"] if lost else [])]
-        if beyond:
-            notes.append(f"{beyond} outside the model's range (not shown)")
+        notes += [f"{beyond} outside the model's range (not shown)"] if beyond else []
         parts.append(f"{boundary.capitalize()}, {model.title}: {', '.join(notes)}.")
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """A panel for every boundary and covariate, all with one residual axis per boundary."""
     boundaries, covariates = (list(table[name].unique()) for name in ("panel", "covariate"))
+    several = len(boundaries) > 1
     cells = [(boundary, covariate) for covariate in covariates for boundary in boundaries]
-    across = len(boundaries) if len(boundaries) > 1 else ACROSS
+    across = len(boundaries) if several else ACROSS
     down = -(-len(cells) // across)
-    shared: Any = "col" if len(boundaries) > 1 else True
     height = 1.3 * look.double_in / 6.75 * down + 0.5
-    figure, axes = style.canvas(look, down, across, height, sharey=shared)
+    figure, axes = style.canvas(look, down, across, height, sharey="col" if several else True)
     for ax in axes.flat[len(cells) :]:
         ax.set_axis_off()
-    limits: dict[str, float] = {}
-    for boundary in boundaries:
-        mine = pick(table, panel=boundary)
-        mine = mine[mine["kind"] != "noise"]
-        reach = mine["residual_percent"].abs() + mine["u_residual_percent"].fillna(0)
-        limits[boundary] = 1.08 * float(reach.max())
+    drawn = table[table["kind"] != "noise"]
+    reach = drawn["residual_percent"].abs() + drawn["u_residual_percent"].fillna(0)
+    limits = 1.08 * reach.groupby(drawn["panel"]).max()
     for ax, (boundary, covariate) in zip(axes.flat, cells, strict=False):
         rows = pick(table, panel=boundary, covariate=covariate)
         if not len(rows):
@@ -187,17 +173,18 @@ def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
             continue
         _draw_panel(ax, rows.assign(x=shown_x(covariate, rows["x"], look)), covariate, look)
         ax.set_ylim(-limits[boundary], limits[boundary])
-    if len(boundaries) > 1:
-        for ax, title in zip(axes[0], style.lettered(boundaries), strict=True):
-            ax.set_title(title)
-    figure.supylabel("relative residual (%)", fontsize=look.text_pt)
-    names = {"base": "base model, means", "bin": "quoted model, means"}
-    handles: list[Any] = [
-        Line2D([], [], color=c, marker=m, linestyle="none", label=names[kind], markerfacecolor=f)
-        for kind, (c, m) in LOOKS.items()
-        for f in ("white" if kind == "base" else c,)
+    if several:
+        style.title(axes[0], boundaries)
+    figure.supylabel("relative residual (%)")
+    kinds = [("base", "base model, means", "white"), ("bin", "quoted model, means", None)]
+    handles: list[Line2D | Patch] = [
+        Line2D(
+            [], [], color=LOOKS[kind][0], marker=LOOKS[kind][1], linestyle="none", label=name,
+            markerfacecolor=inside,
+        )
+        for kind, name, inside in kinds
         if (table["kind"] == kind).any()
-    ]
+    ]  # fmt: skip
     handles.append(Patch(color=style.FLOOR, label="noise of one trial"))
     figure.legend(handles=handles, loc="outside upper right", ncols=3)
     return figure
@@ -209,22 +196,16 @@ def _draw_panel(ax: Axes, rows: pd.DataFrame, covariate: str, look: Style) -> No
     style.band(ax, expected.x, -sigma, sigma, style.FLOOR, step="mid", zorder=0)
     style.zero(ax)
     style.dots(ax, trials.x, trials.residual_percent)
-    for kind, series in LOOKS.items():
+    for kind, size, inside, edge in (("base", 2.8, "white", None), ("bin", 3.4, None, "white")):
         mine = pick(rows, kind=kind)
-        mark: Look = {"markersize": 3.4, "markeredgecolor": "white"}
-        if kind == "base":
-            mark = {"markersize": 2.8, "markerfacecolor": "white"}
-        style.bars(ax, mine.x, mine.residual_percent, mine.u_residual_percent, series, **mark)
+        style.bars(
+            ax, mine.x, mine.residual_percent, mine.u_residual_percent, LOOKS[kind],
+            markersize=size, markerfacecolor=inside, markeredgecolor=edge,
+        )  # fmt: skip
     abscissa(ax, covariate, pick(rows, kind="bin")["x"].tolist(), look)
 
 
 FIGURE = FigureSpec(
-    name="residuals",
-    title="Residuals of the quoted model",
-    needs=(TRIALS, FIT),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="residual_percent",
-    within=("panel", "covariate"),
-)
+    "residuals", "Residuals of the quoted model", (TRIALS, FIT), table, caption, draw,
+    "residual_percent", ("panel", "covariate"),
+)  # fmt: skip

@@ -4,8 +4,6 @@ and power against risk.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -13,30 +11,20 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from nearlift import nomenclature
 from nearlift.flight.fitted import FittedFlights
 from nearlift.report.evidence import Evidence, Part, frame, pick, records
 from nearlift.report.figures import style
-from nearlift.report.figures.fig6 import SIDES
+from nearlift.report.figures.fig6 import COST_COLOUR, SIDES, rate_axes
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import (
-    BAND,
-    DEFAULT,
-    FITTED,
-    REFERENCES,
-    SERIES,
-    Look,
-    Style,
-    plain_text,
-)
+from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, plain_text
 from nearlift.stages.simulate import CRASH_RATES, SAFETY
 
 #: A rate of zero is drawn at half a crash, since the axis is logarithmic.
 FLOOR = 0.5
 COLUMNS = ("row", "panel", "kind", "label", "x", "y", "lo90", "hi90")
-COST, TOUCHED = SERIES[1][0], "#D9D9D9"
-PAPER: Look = {"color": "#5C2400", "linestyle": (0, (4, 1.5))}
-NO_EFFECT: Look = {"color": REFERENCES[0][0], "linestyle": REFERENCES[0][1]}
+TOUCHED = "#D9D9D9"
+PAPER: Part = {"color": "#5C2400", "linestyle": (0, (4, 1.5))}
+NO_EFFECT: Part = {"color": REFERENCES[0][0], "linestyle": REFERENCES[0][1]}
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
@@ -126,30 +114,26 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+def draw(table: pd.DataFrame, look: Style) -> Figure:
     """Two panels for each boundary."""
     sides = list(table["panel"].unique())
     width = look.double_in if len(sides) > 1 else look.single_in * 1.3
     figure, axes = style.canvas(look, 2, len(sides), 0.72 * look.double_in, width)
-    models = [plain_text(pick(table, panel=side, kind="model")["label"].iloc[0]) for side in sides]
-    names = [f"{side}, {model}" for side, model in zip(sides, models, strict=True)]
-    titles = style.lettered([*names, *names])
-    for i, (side, upper, lower) in enumerate(zip(sides, *axes, strict=True)):
+    models = table[table["kind"] == "model"].drop_duplicates("panel")["label"]
+    names = [f"{side}, {plain_text(m)}" for side, m in zip(sides, models, strict=True)]
+    style.title(axes.flat, [*names, *names])
+    for side, upper, lower in zip(sides, *axes, strict=True):
         _crash(upper, pick(table, row="crash", panel=side))
         _front(lower, pick(table, row="front", panel=side))
-        upper.set_title(titles[i])
-        lower.set_title(titles[len(sides) + i])
     held = plain_text(pick(table, kind="cost")["label"].iloc[0])
-    black: Look = {"color": FITTED}
-    legend: Look = {
+    black = Line2D([], [], color=FITTED)
+    shade = Patch(color=COST_COLOUR, alpha=0.2, linewidth=0)
+    legend: Part = {
         "no boundary effect": Line2D([], [], **NO_EFFECT),
-        "fitted model": (Patch(color=BAND), Line2D([], [], **black)),
-        "held below the nearest station": Line2D([], [], linestyle=":", **black),
-        "the vehicle touches": (Patch(color=TOUCHED, linewidth=0), Line2D([], [], **black)),
-        f"power, {held} held": (
-            Patch(color=COST, alpha=0.2, linewidth=0),
-            Line2D([], [], color=COST),
-        ),
+        "fitted model": (Patch(color=BAND), black),
+        "held below the nearest station": Line2D([], [], linestyle=":", color=FITTED),
+        "the vehicle touches": (Patch(color=TOUCHED, linewidth=0), black),
+        f"power, {held} held": (shade, Line2D([], [], color=COST_COLOUR)),
         "power, $(L/L_\\infty)^{-3/2}$": Line2D([], [], **PAPER),
     }
     columns = 3 if len(sides) > 1 else 2
@@ -169,18 +153,13 @@ def _crash(ax: Axes, rows: pd.DataFrame) -> None:
     ax.axvspan(left, contact, color=TOUCHED, linewidth=0, zorder=0)
     ax.axvline(contact, color=FITTED, zorder=2)
     ax.set_xlim(left=left)
-    ax.set_ylim(-2, 102)
-    ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
-    ax.set_ylabel("crash rate (%)")
-    right: Any = ax.twinx()
+    right = rate_axes(ax)
     cost, paper = of["cost"], of["cost_paper"]
-    style.band(right, cost.x, cost.lo90, cost.hi90, COST, alpha=0.2)
-    right.plot(cost.x, cost.y, color=COST)
+    style.band(right, cost.x, cost.lo90, cost.hi90, COST_COLOUR, alpha=0.2)
+    right.plot(cost.x, cost.y, color=COST_COLOUR)
     right.plot(paper.x, paper.y, **PAPER)
     right.set_ylim(right.get_ylim()[0], 1.02)
-    right.tick_params(axis="y", colors=COST)
-    ax.tick_params(axis="y", right=False)
-    right.set_ylabel("relative power", color=COST)
+    right.set_ylabel("relative power", color=COST_COLOUR)
 
 
 def _front(ax: Axes, rows: pd.DataFrame) -> None:
@@ -192,16 +171,15 @@ def _front(ax: Axes, rows: pd.DataFrame) -> None:
     ax.plot(model.x, 100 * model.y, color=FITTED, zorder=2, marker=".", markersize=2.5)
     for series, row in zip(SERIES, records(advised), strict=False):
         risk, _, station = str(row.label).partition(": ")
-        advised_here = np.isfinite(row.x)
-        words = (
-            f"$\\hat{{z}}_0$ = {station.split()[-1]}" if advised_here else "no set-point advised"
-        )
+        words = "no set-point advised"
+        if np.isfinite(row.x):
+            words = f"$\\hat{{z}}_0$ = {station.split()[-1]}"
         reach = [[100 * max(row.y - row.lo90, 0)], [100 * max(row.hi90 - row.y, 0)]]
-        mark: Look = {"markersize": 5, "markerfacecolor": "white", "zorder": 4}
-        name = f"risk of {risk} %: {words}"
-        style.bars(ax, [row.x], [100 * row.y], reach, series, label=name, **mark)
-    ax.set_xlabel("relative power to hover")
-    ax.set_ylabel("crash rate (%)")
+        style.bars(
+            ax, [row.x], [100 * row.y], reach, series, label=f"risk of {risk} %: {words}",
+            markersize=5, markerfacecolor="white", zorder=4,
+        )  # fmt: skip
+    ax.set(xlabel="relative power to hover", ylabel="crash rate (%)")
     if advised["x"].notna().any():
         middle = (model["x"].min() + model["x"].max()) / 2
         ax.legend(loc="upper right" if advised["x"].mean() < middle else "lower left")
@@ -210,12 +188,6 @@ def _front(ax: Axes, rows: pd.DataFrame) -> None:
 
 
 FIGURE = FigureSpec(
-    name="safety",
-    title="Crash rates and energy of the fitted models",
-    needs=(CRASH_RATES, SAFETY),
-    rows=table,
-    draw=draw,
-    caption=caption,
-    shows="y",
-    within=("row", "panel", "kind"),
-)
+    "safety", "Crash rates and energy of the fitted models", (CRASH_RATES, SAFETY), table, caption,
+    draw, "y", ("row", "panel", "kind"),
+)  # fmt: skip

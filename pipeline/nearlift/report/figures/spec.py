@@ -18,7 +18,7 @@ from nearlift.rounding import plain
 from nearlift.run.tables import Product
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FigureSpec:
     """One figure. It is made when every product in `needs` exists, and its table has rows.
 
@@ -29,10 +29,10 @@ class FigureSpec:
     needs : tuple of Product
     rows : callable
         Evidence to the table of exactly what is drawn.
-    draw : callable
-        Table and style to a figure.
     caption : callable
         Evidence and table to text, its numbers computed from them.
+    draw : callable
+        Table and style to a figure.
     shows : str
         Column of the values that are drawn, for the text alternative.
     within : tuple of str
@@ -43,8 +43,8 @@ class FigureSpec:
     title: str
     needs: tuple[Product, ...]
     rows: Callable[[Evidence], pd.DataFrame]
-    draw: Draw
     caption: Callable[[Evidence, pd.DataFrame], str]
+    draw: Draw
     shows: str
     within: tuple[str, ...] = ("panel",)
 

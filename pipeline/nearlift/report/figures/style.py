@@ -1,9 +1,9 @@
-"""The look of figures: column widths, type, colours and markers, and the marks that they share."""
+"""The look of figures: matplotlib's settings, sizes and colours, and the marks that they share."""
 
 from __future__ import annotations
 
 import string
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +12,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from nearlift import nomenclature
 from nearlift.campaign.manifest import Campaign
@@ -21,50 +20,46 @@ from nearlift.catalogue import titled
 from nearlift.errors import UsageError
 from nearlift.report.phrases import along
 
-#: Arguments of matplotlib.
-Look = dict[str, Any]
 #: Metres per inch.
 INCH_M = 0.0254
 #: Dots per inch of a PNG, and of what is a raster in a PDF.
 DPI = 200
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Style:
-    """Sizes of a figure.
-
-    Attributes
-    ----------
-    single_in, double_in : float
-        Width of one column and of the full text, in inches.
-    height_in : float
-        Largest height, in inches.
-    text_pt, line_pt, marker_pt : float
-        Type, lines and symbols, in points.
-    radius_mm : float or None
-        Rotor radius; if given, distances are shown in millimetres.
-    simulated : bool
-        Whether each figure is marked as one of simulated records.
-    """
-
-    single_in: float = 3.25
-    double_in: float = 6.75
-    height_in: float = 9.0
-    text_pt: float = 8.0
-    line_pt: float = 1.0
-    marker_pt: float = 3.2
-    radius_mm: float | None = None
-    simulated: bool = False
-
-    @property
-    def distance(self) -> tuple[float, str]:
-        """Factor from distance over rotor radius to what is shown, and the label of its axis."""
-        return (1.0, r"$\hat{z}$") if self.radius_mm is None else (self.radius_mm, "$z$ (mm)")
-
-
-DEFAULT = Style()
-
-
+#: Height of a page in inches; type in points.
+PAGE_IN, TEXT_PT, SMALL_PT = 9.0, 8.0, 7.0
+SETTINGS: dict[str, Any] = {
+    # the second serves letters that the first lacks
+    "font.family": ["STIXGeneral", "DejaVu Sans"],
+    "mathtext.fontset": "stix",
+    "font.size": TEXT_PT,
+    "axes.labelsize": TEXT_PT,
+    "axes.titlesize": TEXT_PT,
+    "figure.labelsize": TEXT_PT,
+    "xtick.labelsize": SMALL_PT,
+    "ytick.labelsize": SMALL_PT,
+    "legend.fontsize": SMALL_PT,
+    "legend.frameon": False,
+    "legend.handlelength": 2.2,
+    "legend.handletextpad": 0.5,
+    "legend.borderaxespad": 0.4,
+    "legend.labelspacing": 0.3,
+    "axes.labelpad": 2.5,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    # no title has to make way for labels above a panel, so none is moved
+    "axes.titley": 1.0,
+    "axes.titlelocation": "left",
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.2,
+    "savefig.dpi": DPI,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "nearlift",
+    "hatch.linewidth": 0.35,
+}
 #: Okabe and Ito's colours that are clear on white, each with its own marker, so that greyscale
 #: keeps them apart.
 SERIES = (
@@ -76,23 +71,41 @@ SERIES = (
     ("#56B4E9", "P"),
 )
 #: Theory in grey and black, with different dashes.
-REFERENCES = (
+REFERENCES: tuple[tuple[str, Any], ...] = (
     ("#555555", (0, (5, 2))),
     ("#111111", (0, (1, 1.2))),
     ("#777777", (0, (6, 1.5, 1, 1.5))),
 )
-FITTED = "#000000"
-BAND = "#C2C2C2"
+FITTED, BAND = "#000000", "#C2C2C2"
 #: The noise of a single trial.
 FLOOR = "0.88"
 #: A cloud of more dots than this is a raster in the PDF.
 CLOUD = 3000
-#: Numbers in each decade of a logarithmic axis, by how many times its lower end the upper is.
-SUBS: tuple[tuple[float, tuple[float, ...]], ...] = (
-    (500.0, (1.0,)),
-    (20.0, (1.0, 2.0, 5.0)),
-    (0.0, (1.0, 2.0, 3.0, 5.0)),
-)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Style:
+    """What a manifest says of figures.
+
+    Attributes
+    ----------
+    single_in, double_in : float
+        Width of one column and of the full text, in inches.
+    radius_mm : float or None
+        Rotor radius; if given, distances are shown in millimetres.
+    simulated : bool
+        Whether each figure is marked as one of simulated records.
+    """
+
+    single_in: float = 3.25
+    double_in: float = 6.75
+    radius_mm: float | None = None
+    simulated: bool = False
+
+    @property
+    def distance(self) -> tuple[float, str]:
+        """Factor from distance over rotor radius to what is shown, and the label of its axis."""
+        return (1.0, r"$\hat{z}$") if self.radius_mm is None else (self.radius_mm, "$z$ (mm)")
 
 
 def style_of(campaign: Campaign) -> Style:
@@ -107,54 +120,13 @@ def style_of(campaign: Campaign) -> Style:
 
 
 @contextmanager
-def context(look: Style) -> Iterator[None]:
-    """The settings of matplotlib for one look, put back afterwards. The user's own settings have no
-    effect.
-    """
+def context() -> Iterator[None]:
+    """Draw with these settings of matplotlib alone, and put the user's back afterwards."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         current: Any = matplotlib.rcParams
-        current.update(_settings(look))
+        current.update(SETTINGS)
         yield
-
-
-def _settings(look: Style) -> dict[str, object]:
-    small = look.text_pt - 1
-    return {
-        # the second serves letters that the first lacks
-        "font.family": ["STIXGeneral", "DejaVu Sans"],
-        "mathtext.fontset": "stix",
-        "font.size": look.text_pt,
-        "axes.labelsize": look.text_pt,
-        "axes.titlesize": look.text_pt,
-        "xtick.labelsize": small,
-        "ytick.labelsize": small,
-        "legend.fontsize": small,
-        "legend.frameon": False,
-        "legend.handlelength": 2.2,
-        "legend.handletextpad": 0.5,
-        "legend.borderaxespad": 0.4,
-        "legend.labelspacing": 0.3,
-        "axes.linewidth": 0.6,
-        "xtick.major.width": 0.6,
-        "ytick.major.width": 0.6,
-        "xtick.minor.width": 0.4,
-        "ytick.minor.width": 0.4,
-        "xtick.direction": "in",
-        "ytick.direction": "in",
-        # no title has to make way for labels above a panel, so none is moved
-        "axes.titley": 1.0,
-        "axes.titlelocation": "left",
-        "lines.linewidth": look.line_pt,
-        "lines.markersize": look.marker_pt,
-        "axes.unicode_minus": True,
-        "savefig.dpi": DPI,
-        "figure.dpi": 100,
-        "pdf.fonttype": 42,
-        "svg.hashsalt": "nearlift",
-        "path.simplify": True,
-        "hatch.linewidth": 0.35,
-    }
 
 
 def canvas(
@@ -165,18 +137,33 @@ def canvas(
     It is one column wide if it has one panel across, and no higher than a page.
     """
     width = width_in or (look.single_in if across == 1 else look.double_in)
-    figure = Figure(figsize=(width, min(height_in, look.height_in)), layout="constrained")
+    figure = Figure(figsize=(width, min(height_in, PAGE_IN)), layout="constrained")
     return figure, figure.subplots(down, across, squeeze=False, **more)
+
+
+def lettered(titles: Sequence[str]) -> list[str]:
+    """Titles of panels with their letters; without where there is one."""
+    if len(titles) == 1:
+        return [*titles]
+    return [f"{a}) {name}" for a, name in zip(string.ascii_lowercase, titles, strict=False)]
+
+
+def title(axes: Iterable[Axes], titles: Sequence[str]) -> None:
+    """Title panels, with their letters where there are several."""
+    for ax, text in zip(axes, lettered(titles), strict=False):
+        ax.set_title(text)
 
 
 def plain_log(axis: Axis) -> None:
     """Plain numbers along a logarithmic axis whose ends are set: 0.1, 0.2, 0.5, 1, ..."""
     low, high = axis.get_view_interval()
-    subs = next(subs for span, subs in SUBS if high > span * low or span == 0)
-    axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    wide = high > 500 * low
+    axis.set_major_locator(
+        LogLocator(subs=(1,) if wide else (1, 2, 5) if high > 20 * low else (1, 2, 3, 5))
+    )
+    axis.set_major_formatter("{x:g}")
     # ticks between decades show that the axis is logarithmic, unless their numbers do
-    axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)) if len(subs) == 1 else NullLocator())
+    axis.set_minor_locator(LogLocator(subs=(2, 5) if wide else ()))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -187,43 +174,36 @@ def log_distance(ax: Axes, label: str) -> None:
     ax.set_xlabel(label)
 
 
-def zero(ax: Axes) -> Line2D:
+def zero(ax: Axes) -> Any:
     """A line at zero behind everything."""
     return ax.axhline(0, color="0.5", linewidth=0.5, zorder=0.5)
 
 
 def dots(ax: Axes, x: Any, y: Any, colour: str = SERIES[0][0]) -> None:
     """Trials as a cloud."""
-    look: Look = {"markersize": 2.0, "markeredgewidth": 0, "alpha": 0.45, "zorder": 1}
-    ax.plot(x, y, ".", color=colour, rasterized=len(x) > CLOUD, **look)
+    ax.plot(
+        x, y, ".", color=colour, markersize=2.0, markeredgewidth=0, alpha=0.45, zorder=1,
+        rasterized=len(x) > CLOUD,
+    )  # fmt: skip
 
 
-def bars(ax: Axes, x: Any, y: Any, u: Any, series: tuple[str, str], **more: Any) -> Any:
+def bars(ax: Axes, x: Any, y: Any, u: Any, series: tuple[Any, str], **more: Any) -> Any:
     """Symbols with their error bars; `u` is one standard uncertainty, or both reaches."""
     colour, marker = series
-    look: Look = {"color": colour, "elinewidth": 0.7, "markeredgewidth": 0.7, "zorder": 3}
-    return ax.errorbar(x, y, u, fmt=marker, **look | more)
+    more = {"elinewidth": 0.7, "markeredgewidth": 0.7, "zorder": 3} | more
+    return ax.errorbar(x, y, u, fmt=marker, color=colour, **more)
 
 
 def band(ax: Axes, x: Any, low: Any, high: Any, colour: str = BAND, **more: Any) -> Any:
     """A shade between two curves."""
-    look: Look = {"color": colour, "linewidth": 0, "zorder": 1}
-    return ax.fill_between(x, low, high, **look | more)
-
-
-def lettered(titles: Sequence[str]) -> list[str]:
-    """Titles of panels with their letters; without where there is one."""
-    if len(titles) == 1:
-        return [*titles]
-    return [f"{a}) {name}" for a, name in zip(string.ascii_lowercase, titles, strict=False)]
+    return ax.fill_between(x, low, high, color=colour, linewidth=0, **{"zorder": 1} | more)
 
 
 def note(
     ax: Axes, text: str, at: tuple[float, float], apart: tuple[float, float], **more: Any
 ) -> None:
     """Small words near a place, so many points away from it."""
-    small = matplotlib.rcParams["legend.fontsize"]
-    ax.annotate(text, at, apart, textcoords="offset points", fontsize=small, **more)
+    ax.annotate(text, at, apart, textcoords="offset points", fontsize=SMALL_PT, **more)
 
 
 def words_alone(ax: Axes, text: str) -> None:
@@ -260,7 +240,7 @@ def quantity(name: str, unit: str | None = None) -> str:
     except UsageError:
         return plain_text(along(name))
     word = along(name.split("_")[0]).removeprefix("the ")
-    shown = nomenclature.label(name, unit)
     if symbol.latex.startswith(r"\mathrm{"):
         return word
+    shown = nomenclature.label(name, unit)
     return shown if name in ("z_hat", "delta_L") else f"{word} {shown}"
