@@ -35,6 +35,8 @@ def test_a_row_of_units_text_columns_and_words_for_no_number(tmp_path: Path) -> 
     found = read(tmp_path, "t,msg,F\ns,-,mN\n0,start,1\n1,,OVER\n2,,1.#INF\n")
     assert [(c.name, c.unit) for c in found.channels] == [("t", "s"), ("F", "mN")]
     np.testing.assert_array_equal(found.channels[1].values, [1, np.nan, np.nan])
+    late = read(tmp_path, "t,F,note\n0,1,\n1,2,gust\n2,3,4\n")
+    assert [c.name for c in late.channels] == ["t", "F"]
     beside = read(tmp_path, "side;z;F\nground;5;1,5\nground;10;2,25\n")
     assert [(c.name, values(beside, i)) for i, c in enumerate(beside.channels)] == [
         ("z", [5, 10]),

@@ -1,10 +1,10 @@
 """The dialect of a text file, found strictly: one layout fits, or the file is refused.
 
 Each pair of separator and decimal sign is tried on the first lines. A pair fits if every line from
-the first row of numbers on has the same number of cells. The cells are numeric where those of the
-first row are. The header has as many names. Two pairs that fit and read different numbers are
-ambiguous, and so is a comma that may part thousands. Nothing is guessed that the manifest states
-under ``[records] dialect``.
+the first row of numbers on has the same number of cells. The cells are numeric where the
+first one of the column is. The header has as many names. Two pairs that fit and read different
+numbers are ambiguous, and so is a comma that may part thousands. Nothing is guessed that the
+manifest states under ``[records] dialect``.
 """
 
 from __future__ import annotations
@@ -278,33 +278,32 @@ def _fitted(
             "rename or drop one of them, or name all: dialect = { columns = [...] } under"
             " [records]; several tables go into files of their own",
         )
-    texts = tuple(i for i in range(len(names)) if signs.value(row[i]) is None)
-    if texts and row[texts[0]].endswith(":"):
-        what = f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}"
+    texts = {i for i in range(len(names)) if signs.value(row[i]) is None}
+    if texts and row[min(texts)].endswith(":"):
+        what = f"labels its cells: {' '.join(row[min(texts) :][:2])!r}"
         remedy = "dialect = { labels = true } under [records], where every line has the same"
         raise _unfit(len(lines), at, what, f"such cells are read by {remedy}")
-    layout = replace(
-        signs,
-        trailing=trailing,
-        names=names,
-        units=units,
-        first=start + 1,
-        preamble=sum(line.strip() != "" for line in lines[:top]),
-        texts=texts,
-    )
+    layout = replace(signs, trailing=trailing, names=names, units=units, first=start + 1)
+    # columns without a cell so far, which may be of words
+    blank = {i for i in range(len(names)) if not row[i]}
     read: list[tuple[float, ...]] = []
-    for i, line in enumerate(lines[start:], start):
+    for k, line in enumerate(lines[start:], start):
         if not line.strip():
             continue
-        at = f"{where}, line {i + 1}"
+        at = f"{where}, line {k + 1}"
         try:
             cells = layout.row(line, at)
-            values = [layout.number(cells[k], at, names[k]) for k in layout.numeric]
+            texts |= {i for i in blank if signs.value(cells[i]) is None}
+            blank = {i for i in blank if not cells[i]}
+            numbers = [
+                layout.number(cell, at, names[i]) for i, cell in enumerate(cells) if i not in texts
+            ]
         except InputRefused as refusal:
-            raise _Unfit(i - start, refusal) from None
+            raise _Unfit(k - start, refusal) from None
         if len(read) < READ:
-            read.append(tuple(0.5 if value != value else value for value in values))
-    return layout, (names, tuple(read))
+            read.append(tuple(0.5 if value != value else value for value in numbers))
+    preamble = sum(line.strip() != "" for line in lines[:top])
+    return replace(layout, preamble=preamble, texts=tuple(sorted(texts))), (names, tuple(read))
 
 
 def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, strict: bool) -> int:

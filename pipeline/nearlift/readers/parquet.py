@@ -73,8 +73,8 @@ def spans(path: Path, wanted: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     Raises
     ------
     InputRefused
-        It lacks a wanted column (manifest's key to name). Or a row has no trial, or the rows of a
-        trial do not follow one another.
+        It lacks a wanted column of numbers (manifest's key to name). Or a row has no trial, or the
+        rows of a trial do not follow one another.
     """
     rows: dict[str, tuple[int, int]] = {}
     at, last = 0, None
@@ -83,24 +83,22 @@ def spans(path: Path, wanted: Mapping[str, str]) -> dict[str, tuple[int, int]]:
         for batch in file.iter_batches(BATCH, columns=[TRIAL], use_threads=False):
             column = batch.column(0)
             if column.null_count:
-                first = at + column.is_null().to_pylist().index(True)
-                raise InputRefused(
-                    str(path), f"row {first + 1} has no trial", "every sample belongs to a trial"
-                )
+                what = f"row {at + column.is_null().to_pylist().index(True) + 1} has no trial"
+                raise InputRefused(str(path), what, "every sample belongs to a trial")
             column = column.dictionary_encode() if not hasattr(column, "indices") else column
             codes = np.from_dlpack(column.indices)
             starts = np.flatnonzero(np.diff(codes, prepend=-1)).tolist()
             for start, end in zip(starts, [*starts[1:], len(codes)], strict=True):
                 name = str(column[start].as_py())
+                first = rows.get(name, (at + start, 0))[0]
                 if name in rows and name != last:
                     raise InputRefused(
                         str(path),
-                        f"has trial {name!r} in two places, at rows {rows[name][0] + 1} and"
+                        f"has trial {name!r} in two places, at rows {first + 1} and"
                         f" {at + start + 1}",
                         "sort the table by trial, keeping the samples' order",
                     )
-                rows[name] = (rows[name][0] if name in rows else at + start, at + end)
-                last = name
+                rows[name], last = (first, at + end), name
             at += batch.num_rows
     return rows
 
@@ -117,11 +115,8 @@ def _check_columns(path: Path, schema: pa.Schema, wanted: Mapping[str, str]) -> 
             )
         kind = schema.field(name).type
         if name != TRIAL and not _is_numeric(kind):
-            raise InputRefused(
-                str(path),
-                f"column {name!r} holds {kind}, not numbers",
-                "write it as integers or floats",
-            )
+            what = f"column {name!r} holds {kind}, not numbers"
+            raise InputRefused(str(path), what, "write it as integers or floats")
 
 
 def rows(path: Path, names: Sequence[str], first: int, end: int) -> list[FloatArray]:
@@ -170,11 +165,9 @@ def _asked(
     try:
         return guarded.run(function, *arguments, **named)
     except Malformed as fault:
-        raise InputRefused(
-            str(arguments[0]),
-            f"is no table of Parquet that can be read: {fault}",
-            "copy it again from the rig, or write it again",
-        ) from None
+        what = f"is no table of Parquet that can be read: {fault}"
+        remedy = "copy it again from the rig, or write it again"
+        raise InputRefused(str(arguments[0]), what, remedy) from None
 
 
 def trials(path: Path) -> list[str]:
@@ -182,59 +175,52 @@ def trials(path: Path) -> list[str]:
     return list(_asked(spans, path, {}))
 
 
-def _path(campaign: Campaign, root: Path) -> Path:
-    pattern = campaign.records.pattern
-    if "{" in pattern:
-        raise ManifestError(
-            "records.files",
-            f"{pattern!r} is a pattern",
-            'reader = "parquet" takes one long table with a column "trial"',
-        )
-    return inside(root, pattern, "records.files")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongTable(Reader):
     """The reader of one table for all trials."""
 
     def files(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
-        """The table, if it is there."""
-        path = _path(campaign, root)
-        return [path] if path.is_file() else []
+        """The table; `InputRefused` where it is not there."""
+        pattern = campaign.records.pattern
+        if "{" in pattern:
+            remedy = 'reader = "parquet" takes one long table with a column "trial"'
+            raise ManifestError("records.files", f"{pattern!r} is a pattern", remedy)
+        path = inside(root, pattern, "records.files")
+        if not path.is_file():
+            remedy = "name the table under [records] files = ..."
+            raise InputRefused(str(path), "is missing", remedy)
+        return [path]
 
     def plan(
         self, campaign: Campaign, root: Path, trials: Sequence[str]
     ) -> tuple[list[Piece], list[str]]:
         """Stretches of trials, each of at least `ROWS` rows."""
-        path, spec = _path(campaign, root), ChannelSpec.from_manifest(campaign)
-        if not path.is_file():
-            raise InputRefused(
-                str(path), "is missing", "name the table under [records] files = ..."
-            )
+        (path,), spec = self.files(campaign, root, trials), ChannelSpec.from_manifest(campaign)
         columns = {"records.force.column": spec.column}
         columns |= {"records.time.column": spec.clock} if spec.clock is not None else {}
-        listed = set(trials)
-        here, other = {}, []
-        for name, span in _asked(spans, path, columns).items():
-            if name in listed:
-                here[name] = span
-            else:
-                other.append(name)
+        held, listed = _asked(spans, path, columns), set(trials)
+        other = [name for name in held if name not in listed]
         notes = [
             f"{source_of(root, path)} holds {len(other)} trials that the schedule does not list,"
             f" such as {name!r}; they were left out"
             for name in other[:1]
         ]
-        return list(_pieces(path, here)), notes
+        here = [(name, span) for name, span in held.items() if name in listed]
+        pieces, begin = [], 0
+        for i, (_, (_, end)) in enumerate(here, start=1):
+            if i == len(here) or end - here[begin][1][0] >= ROWS:
+                names, rows = zip(*here[begin:i], strict=True)
+                pieces.append(Piece(trials=names, paths=(path,), rows=rows))
+                begin = i
+        return pieces, notes
 
     def read_piece(
         self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False
     ) -> Iterator[Record]:
         """The piece's records in the plan's order."""
         path, spec = piece.paths[0], ChannelSpec.from_manifest(campaign)
-        names = (spec.column,) if spec.clock is None else (spec.column, spec.clock)
         first = piece.rows[0][0]
-        columns = _asked(rows, path, names, first, piece.rows[-1][1])
+        columns = _asked(rows, path, spec.names(""), first, piece.rows[-1][1])
         for trial, (start, end) in zip(piece.trials, piece.rows, strict=True):
             force, *clock = (column[start - first : end - first] for column in columns)
             yield Record(
@@ -243,15 +229,6 @@ class LongTable(Reader):
                 time_s=spec.tick * clock[0] if clock else None,
                 source=source_of(root, path),
             )
-
-
-def _pieces(path: Path, spans: Mapping[str, tuple[int, int]]) -> Iterator[Piece]:
-    names, rows = tuple(spans), tuple(spans.values())
-    begin = 0
-    for i, (_, end) in enumerate(rows, start=1):
-        if i == len(rows) or end - rows[begin][0] >= ROWS:
-            yield Piece(trials=names[begin:i], paths=(path,), rows=rows[begin:i])
-            begin = i
 
 
 READER = LongTable(

@@ -20,16 +20,16 @@ from __future__ import annotations
 import csv
 import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from nearlift.errors import InputRefused
+from nearlift import units
+from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.base import (
     AS_FORCE,
-    Channel,
     Contents,
     Names,
     Reader,
@@ -37,10 +37,9 @@ from nearlift.readers.base import (
     fold,
     split_unit,
 )
-from nearlift.readers.dialect import UNSTATED
+from nearlift.readers.dialect import Dialect
 from nearlift.readers.files import content_of
-from nearlift.readers.table import Layout
-from nearlift.readers.text import by_layout, plain, with_rate
+from nearlift.readers.text import from_text, with_rate
 
 #: Lift from which on rotors turn, whatever their speed channel reads, N.
 MIN_LIFT_N = 0.02
@@ -49,14 +48,13 @@ MIN_LIFT_N = 0.02
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stand:
     """The files of one product: forms of the names of columns, folded and without units. Files of
-    it have a column of each form in `needs`; `speeds` are those of rotors, `texts` hold text.
+    it have a column of each form in `needs`; `speeds` are those of rotors.
     """
 
     name: str
     title: str
     needs: tuple[re.Pattern[str], ...]
     speeds: re.Pattern[str]
-    texts: tuple[str, ...] = ()
 
 
 STANDS = (
@@ -70,14 +68,12 @@ STANDS = (
             re.compile("voltage"),
         ),
         speeds=re.compile(r"\Amotor.*speed.*"),
-        texts=("app message",),
     ),
     Stand(
         name="flight-stand",
         title="Tyto Flight Stand v2",
         needs=(re.compile("time"), re.compile(r"powertrain \d+ - force fz.*")),
         speeds=re.compile(r"\A.*rotation speed"),
-        texts=("app message",),
     ),
     Stand(
         name="crazyflie",
@@ -88,23 +84,19 @@ STANDS = (
 )
 
 
-def _header(head: bytes) -> list[str]:
-    """The cells of a first line, a blank one at its end kept; none where it is no UTF-8 text."""
+def _header(head: bytes) -> dict[str, str]:
+    """The columns' names on a first line of UTF-8, folded and without units, by what is written."""
     try:
-        line = head.split(b"\n", 1)[0].decode("utf-8-sig")
-        return [cell.strip() for cell in next(csv.reader([line.rstrip("\r")]), [])]
+        line = head.split(b"\n", 1)[0].decode("utf-8-sig").rstrip("\r")
+        cells = [cell.strip() for cell in next(csv.reader([line]), [])]
     except (UnicodeDecodeError, csv.Error):
-        return []
+        return {}
+    return {cell: fold(split_unit(cell)[0]) for cell in cells}
 
 
 def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
-    names = [_bare(cell) for cell in _header(head)]
+    names = _header(head).values()
     return all(any(form.fullmatch(name) for name in names) for form in stand.needs)
-
-
-def _bare(name: str) -> str:
-    """A name as it is compared, its unit taken off."""
-    return fold(split_unit(name)[0])
 
 
 def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -112,56 +104,38 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     content = content_of(path)
     if not content.strip(b"\0"):
         return Contents(kind=stand.title, codes=("EMPTY",))
-    columns = _header(content)
     if not _is_of(stand, content):
         raise InputRefused(
             f"{path}, line 1",
             f"has not the header of {stand.title}",
             '`nearlift inspect FILE` says what it is; another version may want reader = "text"',
         )
-    trailing = columns[-1] == ""
-    columns = columns[:-1] if trailing else columns
-    if twice := sorted({name for name in columns if columns.count(name) > 1}):
-        raise InputRefused(
-            f"{path}, line 1",
-            f"has more than one column {twice[0]!r}",
-            "rename or drop one of them",
-        )
-    layout = Layout(
-        trailing=trailing,
-        names=tuple(columns),
-        units=tuple(split_unit(name)[1] for name in columns),
-        first=2,
-        texts=tuple(i for i, name in enumerate(columns) if _bare(name) in stand.texts),
-    )
-    turning = tuple(name for name in columns if stand.speeds.fullmatch(_bare(name)))
-    also = None if names is None else (*names, *turning)
-    text = plain(content, str(path), replace(UNSTATED, encoding="utf-8"))
-    file = by_layout(text, layout, also, str(path))
-    codes = (*file.codes, *_dead(file.channels, turning))
-    if not file.channels or not len(file.channels[0].values):
-        codes = (*codes, "NO_DATA")
+    speeds = [cell for cell, name in _header(content).items() if stand.speeds.fullmatch(name)]
+    also = None if names is None else (*names, *speeds)
+    plain = Dialect(encoding="utf-8", separator="comma", decimal=".")
+    file = from_text(content, str(path), plain, also)
+    codes = (*file.codes, *["dead_speed"] * _dead(file, speeds))
     file = replace(file, kind=stand.title, codes=codes, notes=())
     return with_rate(file) if names is None else file
 
 
-def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...]:
-    """`dead_speed` where there is lift and all speeds, or one of more than two, read zero."""
-    factor = {"N": 1.0, "gf": 9.80665e-3, "kgf": 9.80665}
-    force = [
-        c
-        for c in channels
-        if re.search("thrust|weight|force fz", fold(c.name)) and np.isfinite(c.values).any()
+def _dead(file: Contents, speeds: Collection[str]) -> bool:
+    """Whether there is lift, and all speeds, or one of more than two, read zero."""
+    lift = 0.0
+    for c in file.channels:
+        if re.search("thrust|weight|force fz", fold(c.name)):
+            try:
+                factor = units.to_si(AS_FORCE.get(c.unit, c.unit), "force", c.name)[0]
+            except ManifestError:
+                continue
+            lift = max(lift, factor * float(np.nanmax(np.abs(c.values), initial=0.0)))
+    still = [
+        not np.nan_to_num(c.values).any()
+        for c in file.channels
+        if c.name in speeds and len(c.values)
     ]
-    lifts = [
-        np.nanmax(np.abs(c.values)) * factor.get(AS_FORCE.get(c.unit, c.unit), 0.0) for c in force
-    ]
-    speeds = [c for c in channels if c.name in turning and len(c.values)]
-    if not lifts or not speeds or max(lifts) < MIN_LIFT_N:
-        return ()
-    still = [not np.any(np.nan_to_num(c.values)) for c in speeds]
     # with two kinds of probe one is used; a craft with four rotors turns all
-    return ("dead_speed",) if all(still) or (len(still) > 2 and any(still)) else ()
+    return lift >= MIN_LIFT_N and bool(still) and (all(still) or (len(still) > 2 and any(still)))
 
 
 READERS = {

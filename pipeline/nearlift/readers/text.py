@@ -206,8 +206,10 @@ def _known(text: Plain, where: str) -> Layout | None:
     for (stated, top), layout in list(_earlier.items()):
         if stated == text.said and text.encoding == layout.encoding and text.body.startswith(top):
             cells = _cells(text.body[len(top) :], layout)
-            texts = tuple(i for i, cell in enumerate(cells) if layout.value(cell) is None)
-            if any(cells) and texts == layout.texts:
+            if any(cells) and all(
+                (layout.value(cell) is None) == (i in layout.texts and cell != "")
+                for i, cell in enumerate(cells)
+            ):
                 refuse_thousands(layout, text.lines(), where, text.said)
                 return layout
     return None
