@@ -347,7 +347,6 @@ def test_the_cuts_of_one_file_are_those_of_its_campaign(tmp_path: Path) -> None:
         ({"by": "windows"}, {}, 'by = "windows" needs length'),
         ({"step": "1 N"}, {}, 'step goes with by = "plateaus"'),
         ({"by": "plateaus", "step": "1 kg"}, {}, "step: "),
-        ({"by": "plateaus", "of": "rpm", "step": "1 N"}, {}, "step is a number"),
         ({"hold": -1.0}, {}, "hold is a size"),
         ({"length": "1 s"}, {}, "length is below shortest"),
         ({"by": "windows", "length": "3 s", "settle": "3 s"}, {}, "settle takes a whole window"),
@@ -394,7 +393,6 @@ def test_marks_of_records_go_with_segments() -> None:
         ({}, "trial,boundary,distance\nr0,ground,23\n", "call the column of its ids record"),
         ({}, "record,boundary,distance\nx,ground,23\n", "none of the 1 records"),
         ({}, "record,boundary,distance\nr0,ground,2300\n", "outside the 1.5 m arena"),
-        ({"covariates": ["rpm"]}, "", "has no column 'rpm'"),
     ],
 )
 def test_what_does_not_fit_the_records_is_refused(

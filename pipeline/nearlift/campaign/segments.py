@@ -54,14 +54,13 @@ class Segments(Section):
     """Cutting of a record into pieces, each of which becomes a trial.
 
     `by` names the column whose steps divide the pieces, or is "plateaus" or "windows". Plateaus
-    are levels of the force or of the column `of`, separated by changes of at least `step`. Windows
+    are levels of the force, separated by changes of at least `step`. Windows
     have the length `length`. With another `by`, `length` divides each piece further.
 
     `settle` is dropped after each cut; a piece with less than `shortest` left is no trial. `unit`,
     `zero` and `full` belong to the column `by`, which `maps` to a column of the schedule. Samples
-    within `hold` are one level; only pieces at the level `only` are kept. `covariates` are columns
-    whose mean and scatter are kept (default: all numbers). `columns` are those of the schedule's
-    columns that the records hold, such as `supply`. Times are in s.
+    within `hold` are one level; only pieces at the level `only` are kept. `columns` are those of
+    the schedule's columns that the records hold, such as `supply`. Times are in s.
     """
 
     by: str
@@ -73,10 +72,8 @@ class Segments(Section):
     maps: str = "throttle"
     hold: float = 0.0
     only: str | float | int | None = None
-    of: str | None = None
-    step: str | float | None = None
+    step: str | None = None
     length: PositiveDuration | None = None
-    covariates: list[str] | None = None
     columns: dict[str, ColumnOfRecord] = {}
 
     @property
@@ -100,9 +97,8 @@ class Segments(Section):
     @model_validator(mode="after")
     def _keys_of_its_own_way(self) -> Self:
         needs = {"plateaus": "step", "windows": "length"}
-        for key in ("of", "step"):
-            if getattr(self, key) is not None and self.by != "plateaus":
-                raise ValueError(f'{key} goes with by = "plateaus"')
+        if self.step is not None and self.by != "plateaus":
+            raise ValueError('step goes with by = "plateaus"')
         if self.by in WAYS and getattr(self, needs[self.by]) is None:
             raise ValueError(f'by = "{self.by}" needs {needs[self.by]}')
         if self.column is None and (self.hold or self.only is not None):
@@ -113,11 +109,9 @@ class Segments(Section):
             raise ValueError("length is below shortest: no window would be a trial")
         if self.by == "windows" and self.settle >= (self.length or 0.0):
             raise ValueError("settle takes a whole window: make length the longer")
-        if self.step is not None and self.of is None:
+        if self.step is not None:
             with as_fault("step: "):
                 self.step_N()
-        if self.of is not None and not isinstance(self.step, int | float):
-            raise ValueError(f"step is a number, as the column {self.of!r} has them")
         return self
 
 

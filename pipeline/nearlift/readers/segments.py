@@ -14,16 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.campaign.segments import FEWEST_SAMPLES
+from nearlift.campaign.segments import FEWEST_SAMPLES, Segments
 from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
 from nearlift.readers.base import (
-    Channel,
     ChannelSpec,
-    Contents,
     Reader,
     Record,
+    RecordsDialect,
     pick,
 )
 from nearlift.readers.files import Piece, is_packed
@@ -34,17 +33,16 @@ from nearlift.schedule import BESIDE, brought, dimension_of
 
 #: Share of the cut samples that kept pieces and their settling must be.
 MIN_YIELD = 0.25
-#: Part of `hold` that kept pieces may move through from end to end, and the share of them that may:
-#: a ramp goes through all of it.
-SLOPING, MOST_SLOPING = 0.6, 0.5
+#: Part of `hold` that a level may move through from end to end: most pieces of a ramp exceed it.
+SLOPING = 0.6
 REPEATED = (
     "samples that repeat the one before, stamp and force, were counted once: the cell is slower"
     " than the rows"
 )
 
 
-def _no_samples() -> FloatArray:
-    return np.empty(0)
+#: Samples of a piece that has none.
+NO_SAMPLES: FloatArray = np.empty(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,14 +71,14 @@ class CutPiece:
     since_s: float = 0.0
     brought: Mapping[str, float] = field(default_factory=dict)
     covariates: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    force_N: FloatArray = field(default_factory=_no_samples)
+    force_N: FloatArray = field(default_factory=lambda: NO_SAMPLES)
     time_s: FloatArray | None = None
-    tare_N: FloatArray = field(default_factory=_no_samples)
+    tare_N: FloatArray = field(default_factory=lambda: NO_SAMPLES)
 
     @property
     def without_samples(self) -> CutPiece:
         """The piece without its samples."""
-        return replace(self, force_N=_no_samples(), time_s=None, tare_N=_no_samples())
+        return replace(self, force_N=NO_SAMPLES, time_s=None, tare_N=NO_SAMPLES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,216 +121,179 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
     """The pieces of a record that was read with all channels of its file; raises as `read`."""
     if whole.contents is None or not len(whole.force_N):
         return Segmented(record=whole)
-    return _Cutter(campaign, root / whole.source, whole.contents, whole).segmented()
-
-
-class _Cutter:
-    """Cuts of one record that was read, `whole`, all channels of its file as `contents`.
-
-    Edges are (first sample, one past the last); `values` are those that step.
-    """
-
-    def __init__(
-        self,
-        campaign: Campaign,
-        path: Path,
-        contents: Contents,
-        whole: Record,
-    ) -> None:
-        cut, rate = campaign.segments, campaign.load_cell.sample_rate
-        assert cut is not None
-        assert rate is not None
-        self.cut, self.rate, self.n = cut, rate, len(whole.force_N)
-        self.path, self.where, self.dialect = path, str(path), campaign.records.dialect
-        self.names = ChannelSpec.from_manifest(campaign).names(whole.trial)
-        self.contents, self.whole = contents, whole
-        self.at_level = campaign.load_cell.tare == "level 0"
-        self.head = min(round(campaign.tare_s * rate), self.n)
-        self.values: FloatArray | None = None
-        self.edges = self._edges()
-
-    def segmented(self) -> Segmented:
-        """The record cut into pieces."""
-        cut, whole, rate = self.cut, self.whole, self.rate
-        settle, shortest, length = (
-            round(t * rate) for t in (cut.settle, cut.shortest, cut.length or 0.0)
+    said, rate = campaign.segments, campaign.load_cell.sample_rate
+    assert said is not None
+    assert rate is not None
+    channels, path = whole.contents.channels, root / whole.source
+    head = min(round(campaign.tare_s * rate), len(whole.force_N))
+    values, edges = _edges(said, whole, path, campaign.records.dialect, head, rate)
+    settle, shortest, length = (
+        round(t * rate) for t in (said.settle, said.shortest, said.length or 0.0)
+    )
+    spans = cuts.settled(edges, settle, shortest, length or None)
+    _require_yield(spans, edges, settle, rate, str(path))
+    bring = {
+        name: (
+            pick(
+                channels,
+                column.column,
+                "segments.by" if key == "segments" else f"{key}.column",
+                str(path),
+            ),
+            column.linear(dimension_of(name), key),
         )
-        pieces = cuts.settled(self.edges, settle, shortest, length or None)
-        self._require_yield(pieces, settle)
-        bring = self._brought()
-        time_s, kept = _new_samples(whole)
-        zeros = self._zeros(pieces)
-        known = [pick(self.contents.channels, n, "", "") for n in self.names]
-        further = self._further([*known, *(c for c, _ in bring.values())])
-        trials: list[CutPiece] = []
-        for piece in pieces.pieces:
-            level = {
-                name: factor * _middle(name, c.values[piece.start : piece.end]) + offset
-                for name, (c, (factor, offset)) in bring.items()
-            }
-            # a comparison with no number is false
-            if piece in zeros or not level.get("throttle", 1.0) > 0 <= level.get("distance", 0.0):
-                continue
-            span = slice(piece.start, piece.end)
-            for name in bring.keys() & set(BESIDE):
-                channel, (factor, _) = bring[name]
-                zero = self._zero(channel.values, zeros, piece)
-                mean, u = _less_zero(channel.values[span], zero, rate)
-                level |= {name: factor * mean, f"u_{name}": abs(factor) * u}
-            trials.append(
-                CutPiece(
-                    number=piece.number,
-                    since_s=piece.start / rate,
-                    brought=level,
-                    covariates={c.name: _mean_and_scatter(c.values[span]) for c in further},
-                    force_N=whole.force_N[span][kept[span]],
-                    time_s=None if time_s is None else time_s[span],
-                    tare_N=self._zero(whole.force_N, zeros, piece),
-                )
-            )
-        notes = [*whole.notes, *[REPEATED] * (not kept.all())]
-        if cut.column is not None and self._slopes(pieces):
-            notes.append(
-                f"the level {cut.by!r} moves through most of hold = {cut.hold:g} within most"
-                " pieces: a ramp has no steps, and hold makes some of it"
-            )
-        return Segmented(
-            record=replace(whole, notes=tuple(notes)),
-            cuts=pieces,
-            pieces=tuple(trials),
-            at_rest=len(pieces.pieces) - len(trials),
-        )
-
-    # ---- where it is cut
-
-    def _edges(self) -> list[cuts.Cut]:
-        """Edges behind the head, by the manifest's way; sets `values`."""
-        cut, head, n = self.cut, self.head, self.n
-        if cut.by == "windows":
-            edges = [(head, n)]
-        elif cut.column is not None:
-            self.values, only = self._stepping()
-            edges = [(head + a, head + b) for a, b in cuts.by_level(self.values[head:], cut.hold)]
-            if only is not None:
-                edges = [(a, b) for a, b in edges if self.values[a] == only]
-        else:
-            self.values, step = self.whole.force_N, cut.step
-            if cut.of is not None:
-                self.values = pick(self.contents.channels, cut.of, "segments.of", self.where).values
-            step = float(step) if isinstance(step, int | float) and cut.of else cut.step_N()
-            self._require_coarse(step)
-            smallest = max(round((cut.settle + cut.shortest) * self.rate), 1)
-            changes = cuts.by_change(self.values[head:], step, smallest)
-            edges = [(head + a, head + b) for a, b in changes]
-        return edges
-
-    def _stepping(self) -> tuple[FloatArray, float | None]:
-        """The column that steps, a text's words as numbers, and the one value to keep, if any."""
-        cut, n, path = self.cut, self.n, self.path
-        if isinstance(cut.only, str):
-            asked = path, self.dialect, cut.by
-            words = (guarded.run(words_of, *asked) if is_packed(path) else words_of(*asked))[:n]
-            if cut.only not in words:
-                known = ", ".join(map(repr, sorted(set(words))[:8]))
-                what = f"has no {cut.only!r} in column {cut.by!r}"
-                raise InputRefused(self.where, what, f"it has {known}")
-            return np.array([float(word == cut.only) for word in words]), 1.0
-        channel = pick(self.contents.channels, cut.by, "segments.by", self.where)
-        if len(channel.values) != n:
-            raise InputRefused(
-                self.where,
-                f"has {n} samples of force and {len(channel.values)} of {channel.name!r}",
-                "a record is cut by a column of the same clock",
-            )
-        return channel.values, None if cut.only is None else float(cut.only)
-
-    def _require_coarse(self, step: float) -> None:
-        """Refuse a step below three codes of a coarse converter: every code would be a plateau."""
-        assert self.values is not None
-        values = self.values[self.head :]
-        apart = np.abs(np.diff(values[np.isfinite(values)]))
-        moved = apart[apart > 0]
-        grain = float(moved.min()) if len(moved) else 0.0
-        if len(moved) < 0.5 * len(apart) and step < 3 * grain * (1 - 1e-9):
-            raise InputRefused(
-                self.where,
-                f"a step of {step:.3g} is less than three of the converter's own ({grain:.3g})",
-                "take a larger step under [segments]",
-            )
-
-    def _require_yield(self, pieces: cuts.Cuts, settle: int) -> None:
-        """Refuse a record of which hardly anything is kept, with what would keep half of it."""
-        edges, rate = self.edges, self.rate
-        whole = sum(b - a for a, b in edges)
-        kept = sum(p.end - p.first for p in pieces.pieces)
-        if kept >= MIN_YIELD * whole and pieces.pieces:
-            return
-        longest = max((b - a for a, b in edges), default=0)
-        if longest < FEWEST_SAMPLES:
-            raise InputRefused(
-                self.where,
-                f"no level holds for more than {longest} sample{'s' * (longest != 1)}: it is a"
-                " ramp, or each row is a mean already",
-                'means belong in the schedule (reader = "means"); a ramp is cut by windows, or by a'
-                " larger hold under [segments]",
-            )
-        enough, less = cuts.longest_shortest(edges, settle), settle
-        while enough < FEWEST_SAMPLES and less:
-            less //= 2
-            enough = cuts.longest_shortest(edges, less)
-        other = f' and settle = "{less / rate:.3g} s"' if less < settle else ""
-        raise InputRefused(
-            self.where,
-            f"{pieces.short} of {len(pieces.pieces) + pieces.short} pieces are too short, with"
-            f" {100 * (1 - kept / max(whole, 1)):.0f} % of the samples",
-            f'shortest = "{int(1000 * enough / rate) / 1000:g} s"{other} under [segments] would'
-            " keep half of them",
-        )
-
-    def _slopes(self, pieces: cuts.Cuts) -> bool:
-        """Whether most pieces move through most of `hold` from end to end: a ramp, not levels."""
-        if not self.cut.hold or not pieces.pieces or self.values is None:
-            return False
-        moved = []
-        for piece in pieces.pieces:
-            part = np.array_split(self.values[piece.first : piece.end], 4)
-            moved.append(abs(float(part[-1].mean() - part[0].mean())) > SLOPING * self.cut.hold)
-        return float(np.mean(moved)) > MOST_SLOPING
-
-    # ---- the content of a piece
-
-    def _brought(self) -> dict[str, tuple[Channel, tuple[float, float]]]:
-        """Channel, and factor and offset to SI, by the schedule's columns."""
-        bring: dict[str, tuple[Channel, tuple[float, float]]] = {}
-        for name, (column, key) in brought(self.cut).items():
-            asked = "segments.by" if key == "segments" else f"{key}.column"
-            channel = pick(self.contents.channels, column.column, asked, self.where)
-            bring[name] = channel, column.linear(dimension_of(name), key)
-        return bring
-
-    def _zeros(self, pieces: cuts.Cuts) -> tuple[cuts.Span, ...]:
-        """The pieces at the lowest level, within `hold`, where they are the tare."""
-        if not self.at_level or self.values is None:
-            return ()
-        level = {p: _middle("throttle", self.values[p.start : p.end]) for p in pieces.pieces}
+        for name, (column, key) in brought(said).items()
+    }
+    zeros: list[cuts.Span] = []
+    if campaign.load_cell.tare == "level 0":
+        level = {p: _middle("throttle", values[p.start : p.end]) for p in spans.pieces}
         lowest = min(level.values(), default=np.nan)
-        return tuple(p for p in pieces.pieces if level[p] <= lowest + self.cut.hold)
+        zeros = [p for p in spans.pieces if level[p] <= lowest + said.hold]
+    names = ChannelSpec.from_manifest(campaign).names(whole.trial)
+    known = {id(pick(channels, n, "", "")) for n in names} | {id(c) for c, _ in bring.values()}
+    further = [c for c in channels if id(c) not in known and len(c.values) == len(whole.force_N)]
+    time_s, kept = _new_samples(whole)
+    trials: list[CutPiece] = []
+    for piece in spans.pieces:
+        span = slice(piece.start, piece.end)
+        level_of = {
+            name: factor * _middle(name, c.values[span]) + offset
+            for name, (c, (factor, offset)) in bring.items()
+        }
+        # a comparison with no number is false
+        running = level_of.get("throttle", 1.0) > 0 <= level_of.get("distance", 0.0)
+        if piece in zeros or not running:
+            continue
+        for name in bring.keys() & set(BESIDE):
+            channel, (factor, _) = bring[name]
+            mean, u = _less_zero(
+                channel.values[span], _zero(channel.values, zeros, piece, head), rate
+            )
+            level_of |= {name: factor * mean, f"u_{name}": abs(factor) * u}
+        trials.append(
+            CutPiece(
+                number=piece.number,
+                since_s=piece.start / rate,
+                brought=level_of,
+                covariates={c.name: _mean_and_scatter(c.values[span]) for c in further},
+                force_N=whole.force_N[span][kept[span]],
+                time_s=None if time_s is None else time_s[span],
+                tare_N=_zero(whole.force_N, zeros, piece, head),
+            )
+        )
+    notes = [*whole.notes, *[REPEATED] * (not kept.all())]
+    if _slope(values, said.hold, spans):
+        notes.append(
+            f"the level {said.by!r} moves through most of hold = {said.hold:g} within most"
+            " pieces: a ramp has no steps, and hold makes some of it"
+        )
+    return Segmented(
+        record=replace(whole, notes=tuple(notes)),
+        cuts=spans,
+        pieces=tuple(trials),
+        at_rest=len(spans.pieces) - len(trials),
+    )
 
-    def _zero(self, values: FloatArray, zeros: Sequence[cuts.Span], piece: cuts.Span) -> FloatArray:
-        """The samples of a piece's zero: the record's head, or the nearest pieces at rest."""
-        if not zeros:
-            return values[: self.head]
-        before = [p for p in zeros if p.end <= piece.start][-1:]
-        behind = [p for p in zeros if p.start >= piece.end][:1]
-        return np.concatenate([values[p.start : p.end] for p in (*before, *behind)])
 
-    def _further(self, known: Sequence[Channel]) -> list[Channel]:
-        """The columns whose means become covariates: as many samples as the force, not `known`."""
-        channels, named = self.contents.channels, self.cut.covariates
-        if named is not None:
-            return [pick(channels, n, "segments.covariates", self.whole.source) for n in named]
-        names = {id(c) for c in known}
-        return [c for c in channels if id(c) not in names and len(c.values) == self.n]
+# ---- where it is cut
+
+
+def _edges(
+    said: Segments, whole: Record, path: Path, dialect: RecordsDialect, head: int, rate_Hz: float
+) -> tuple[FloatArray, list[cuts.Cut]]:
+    """The values that step, and the edges behind the head, by the manifest's way."""
+    values, n = whole.force_N, len(whole.force_N)
+    if said.by == "windows":
+        return values, [(head, n)]
+    if said.column is None:
+        step = said.step_N()
+        _require_coarse(values[head:], step, str(path))
+        smallest = max(round((said.settle + said.shortest) * rate_Hz), 1)
+        changes = cuts.by_change(values[head:], step, smallest)
+        return values, [(head + a, head + b) for a, b in changes]
+    only = said.only
+    if isinstance(only, str):
+        words = (
+            guarded.run(words_of, path, dialect, said.by)
+            if is_packed(path)
+            else words_of(path, dialect, said.by)
+        )[:n]
+        if only not in words:
+            listed = ", ".join(map(repr, sorted(set(words))[:8]))
+            what = f"has no {only!r} in column {said.by!r}"
+            raise InputRefused(str(path), what, f"it has {listed}")
+        values, only = np.array([float(word == only) for word in words]), 1.0
+    else:
+        assert whole.contents is not None
+        values = pick(whole.contents.channels, said.by, "segments.by", str(path)).values
+        if len(values) != n:
+            what = f"has {n} samples of force and {len(values)} of {said.by!r}"
+            remedy = "a record is cut by a column of the same clock"
+            raise InputRefused(str(path), what, remedy)
+    edges = [(head + a, head + b) for a, b in cuts.by_level(values[head:], said.hold)]
+    return values, [(a, b) for a, b in edges if only is None or values[a] == only]
+
+
+def _require_coarse(values: FloatArray, step: float, where: str) -> None:
+    """Refuse a step below three codes of a coarse converter: every code would be a plateau."""
+    apart = np.abs(np.diff(values[np.isfinite(values)]))
+    moved = apart[apart > 0]
+    grain = float(moved.min()) if len(moved) else 0.0
+    if len(moved) < 0.5 * len(apart) and step < 3 * grain * (1 - 1e-9):
+        what = f"a step of {step:.3g} is less than three of the converter's own ({grain:.3g})"
+        raise InputRefused(where, what, "take a larger step under [segments]")
+
+
+def _require_yield(
+    spans: cuts.Cuts, edges: Sequence[cuts.Cut], settle: int, rate_Hz: float, where: str
+) -> None:
+    """Refuse a record of which hardly anything is kept, with what would keep half of it."""
+    whole = sum(b - a for a, b in edges)
+    kept = sum(p.end - p.first for p in spans.pieces)
+    if kept >= MIN_YIELD * whole and spans.pieces:
+        return
+    longest = max((b - a for a, b in edges), default=0)
+    if longest < FEWEST_SAMPLES:
+        raise InputRefused(
+            where,
+            f"no level holds for more than {longest} sample{'s' * (longest != 1)}: it is a ramp, or"
+            " each row is a mean already",
+            'means belong in the schedule (reader = "means"); a ramp is cut by windows, or by a'
+            " larger hold under [segments]",
+        )
+    enough, less = cuts.longest_shortest(edges, settle), settle
+    while enough < FEWEST_SAMPLES and less:
+        less //= 2
+        enough = cuts.longest_shortest(edges, less)
+    other = f' and settle = "{less / rate_Hz:.3g} s"' if less < settle else ""
+    raise InputRefused(
+        where,
+        f"{spans.short} of {len(spans.pieces) + spans.short} pieces are too short, with"
+        f" {100 * (1 - kept / max(whole, 1)):.0f} % of the samples",
+        f'shortest = "{int(1000 * enough / rate_Hz) / 1000:g} s"{other} under [segments] would'
+        " keep half of them",
+    )
+
+
+# ---- the content of a piece
+
+
+def _slope(values: FloatArray, hold: float, spans: cuts.Cuts) -> bool:
+    """Whether most pieces move through most of `hold` from end to end: a ramp, not levels."""
+    parts = [np.array_split(values[p.first : p.end], 4) for p in spans.pieces]
+    moved = [abs(float(part[-1].mean() - part[0].mean())) > SLOPING * hold for part in parts]
+    return bool(hold) and 2 * sum(moved) > len(moved)
+
+
+def _zero(
+    values: FloatArray, zeros: Sequence[cuts.Span], piece: cuts.Span, head: int
+) -> FloatArray:
+    """The samples of a piece's zero: the record's head, or the nearest pieces at rest."""
+    if not zeros:
+        return values[:head]
+    before = [p for p in zeros if p.end <= piece.start][-1:]
+    behind = [p for p in zeros if p.start >= piece.end][:1]
+    return np.concatenate([values[p.start : p.end] for p in (*before, *behind)])
 
 
 def _less_zero(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[float, float]:
