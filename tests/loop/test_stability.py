@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.loop.test_small_tables import BASES, table
 from tests.unit.simulated import campaign
 
 from nearlift import catalogue
@@ -20,12 +21,14 @@ from nearlift.loop.stability import (
     LOOK,
     TRIES,
     Without,
+    contradicting,
     influential_trials,
     trials_flipping_a_test,
     trials_to_try,
     visits_to_try,
     with_decisive_trial,
     with_decisive_visits,
+    without_visits,
 )
 from nearlift.report.phrases import dependence
 from nearlift.results.quotation import RestsOn, Shift
@@ -314,8 +317,9 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
         verdict = quoted.verdict if visit == "0" else "effect"
         return Without(verdict=verdict, effects=("tilt",), intervals=intervals)
 
-    assert with_decisive_visits(quoted, without, visits[:1]) == quoted
-    found = with_decisive_visits(quoted, without, visits)
+    tried = [(v, again) for v in visits if (again := without(v.id)) is not None]
+    assert with_decisive_visits(quoted, tried[:1]) == quoted
+    found = with_decisive_visits(quoted, tried)
     assert found.rests_on_visit.visit == "2"
     assert found.rests_on_visit.effects == ("tilt",)
     assert dependence(found) == (
@@ -331,6 +335,39 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
     both = dependence(replace(found, rests_on=trial))
     assert both.startswith("The answer depends on trial ")
     assert both.endswith(" Without visit 2 (z_hat = 3.5) the verdict is effect (tilt).")
+
+
+@pytest.mark.parametrize(
+    ("moved", "wider", "contradicts"), [(3.0, 2.0, False), (3.0, 1.5, True), (0.9, 1.0, False)]
+)
+def test_a_shift_is_judged_by_the_information_of_its_visit(data, quoted, moved, wider, contradicts):
+    headline = quoted.coefficients["K_b"]
+    value, half = headline.value + moved * headline.u, wider * (headline.hi90 - headline.lo90) / 2
+    again = Without(
+        verdict=quoted.verdict,
+        effects=(),
+        intervals={"K_b": (value, value - half, value + half)},
+    )
+    answer = search.run(set_up(data, GROUND, (), Options())[0])
+    visit = Shift.at(float(data.z_hat[0]), str(data.visit[0]), 0.0)
+    tried = without_visits(answer, quoted, lambda _: again, [visit])
+    [(shift, _)] = tried
+    spread = max(np.sqrt(wider**2 - 1), stability.LEAST_SPREAD)
+    assert shift.standardised == pytest.approx(moved / spread, rel=1e-6)
+    assert bool(contradicting(quoted, tried)) is contradicts
+    # a distance that was 0.1 mm more than recorded, by a new fit
+    step = np.where(data.visit == data.visit[0], 1e-4 / data.radius_m, 0.0)
+    there = search.run(set_up(replace(data, z_hat=data.z_hat + step), GROUND, (), Options())[0])
+    change = there.problem.base_fit.vector[0] - answer.problem.base_fit.vector[0]
+    assert 0.1 * shift.shift_per_mm == pytest.approx(change, abs=0.03 * headline.u)
+
+
+def test_a_visit_of_a_small_table_that_contradicts_the_rest_ends_adequate():
+    whole = table("ground", distances=5, throttles=4, seed=101)
+    second = whole.z_hat == np.unique(whole.z_hat)[1]
+    lift = np.where(second, 1.02 * whole.lift_N, whole.lift_N)
+    for data, verdict in ((whole, "adequate"), (replace(whole, lift_N=lift), "unexplained")):
+        assert diagnose(data, BASES["ground"], (), Options()).findings.verdict == verdict
 
 
 def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move_the_answer(

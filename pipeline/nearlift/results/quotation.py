@@ -76,11 +76,17 @@ class BudgetLine:
 class Shift:
     """A trial or visit, its mean distance (None in free air), and the coefficient without
     it less what it is.
+
+    `standardised` is the shift by a visit over its standard deviation, `shift_per_mm` the change of
+    the coefficient per millimetre of error in the visit's distance; both where a new diagnosis
+    gives the shift.
     """
 
     id: str
     shift: Real
     z_hat: float | None = None
+    standardised: IfAny[Real] = None
+    shift_per_mm: IfAny[Real] = None
 
     @classmethod
     def at(cls, z_hat: float, name: str, shift: float) -> Shift:
