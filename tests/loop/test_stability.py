@@ -317,7 +317,17 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
         verdict = quoted.verdict if visit == "0" else "effect"
         return Without(verdict=verdict, effects=("tilt",), intervals=intervals)
 
-    tried = [(v, again) for v in visits if (again := without(v.id)) is not None]
+    answer = SimpleNamespace(
+        problem=SimpleNamespace(
+            slope=np.zeros(1),
+            data=SimpleNamespace(visit=np.zeros(1)),
+            base=GROUND,
+            space=SimpleNamespace(project=np.asarray),
+        ),
+        best=SimpleNamespace(covariance=np.eye(1), jacobian=np.ones((1, 1))),
+    )
+    tried = without_visits(answer, quoted, without, visits)
+    assert [v.id for v, _ in tried] == ["0", "1", "2"]
     assert with_decisive_visits(quoted, tried[:1]) == quoted
     found = with_decisive_visits(quoted, tried)
     assert found.rests_on_visit.visit == "2"
