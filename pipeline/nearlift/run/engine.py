@@ -21,7 +21,7 @@ from concurrent import futures
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -59,6 +59,9 @@ NUMERICAL = (
 Inputs = Mapping[str, Sequence[str]]
 #: Size of a file in bytes, and time of its last change, ns.
 Stamp = tuple[int, int]
+#: Takes what is being done, as ``"ingest 120 of 3600 trials"``, and the share of it that is done,
+#: where that is known.
+Say = Callable[..., None]
 
 
 class Busy(NearliftError):
@@ -162,23 +165,11 @@ def products_of(stages: Iterable[Stage]) -> tuple[Product, ...]:
 
 
 def stage_of(stages: Iterable[Stage], name: str) -> Stage:
-    """The stage of that name; raises `UsageError` where there is none."""
-    named = {stage.name: stage for stage in stages}
-    if name not in named:
-        raise UsageError("stage", f"{name!r} is not a stage", f"stages are {', '.join(named)}")
-    return named[name]
+    """The stage of that name."""
+    return next(stage for stage in stages if stage.name == name)
 
 
 # ---- jobs
-
-
-class Say(Protocol):
-    """Hears what is being done, as ``"ingest 120 of 3600 trials"``, and the share of the activity
-    that is done, where it is known.
-    """
-
-    def __call__(self, text: str, share: float | None = None, /) -> None:
-        """Take the text."""
 
 
 def silent(text: str, share: float | None = None, /) -> None:
@@ -216,8 +207,6 @@ class Job:
         Names among `inputs` that each stage reads.
     stamps : mapping of str to Stamp
         Size and time of last change of each raw file.
-    sections : mapping of str to str
-        Digests of the manifest's sections.
     pending : dict of str to (bytes or None), or None
         Files of the stage that runs, None for one to be removed. Outside stages it is None, and
         each file is written at once.
@@ -232,7 +221,6 @@ class Job:
     inputs: Mapping[str, str] = field(default_factory=dict)
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     stamps: Mapping[str, Stamp] = field(default_factory=dict)
-    sections: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
     say: Say = silent
     pending: dict[str, bytes | None] | None = None
@@ -242,22 +230,15 @@ class Job:
         kind, _, rest = name.partition("/")
         return (self.processed if kind == "processed" else self.reports) / rest
 
-    def put(self, name: str, content: bytes) -> Path:
-        """Write a file, called ``processed/...`` or ``reports/...``; returns its path, which the
-        file of a stage takes when the stage is done.
+    def put(self, name: str, content: bytes | None) -> Path:
+        """Write a file called ``processed/...`` or ``reports/...``, or remove it (None); returns
+        its path. The files of a stage change when the stage is done.
         """
         if self.pending is None:
-            tables.write_whole(self.place(name), content)
+            _put(self.place(name), content)
         else:
             self.pending[name] = content
         return self.place(name)
-
-    def remove(self, name: str) -> None:
-        """Remove a file of an earlier run, if there is one."""
-        if self.pending is None:
-            self.place(name).unlink(missing_ok=True)
-        elif self.place(name).is_file():
-            self.pending[name] = None
 
     def read(self, product: Product) -> tables.Table:
         """A table product of this campaign, as an earlier stage left it."""
@@ -267,25 +248,24 @@ class Job:
         """Write a table product of this campaign."""
         self.put(f"processed/{product.file}", tables.table_bytes(table, product))
 
-    def publish(self, name: str, content: bytes) -> Path:
-        """Write a file under `reports`."""
-        return self.put(f"reports/{name}", content)
-
     def read_json(self, product: Product) -> dict[str, Any]:
         """A JSON product of this campaign."""
         return tables.read_json(self.processed / product.file)
-
-    def write_json(self, product: Product, content: object) -> None:
-        """Write a JSON product of this campaign."""
-        self.put(f"processed/{product.file}", tables.json_bytes(content))
 
     def load(self, kind: type[tables.Loaded]) -> tables.Loaded:
         """A JSON product of this campaign as its type."""
         return tables.load(self.processed / kind.file, kind)
 
-    def save(self, result: tables.Saved) -> None:
+    def write_json(self, product: Product, content: object) -> None:
         """Write a JSON product of this campaign."""
-        self.put(f"processed/{result.file}", tables.json_bytes(result))
+        self.put(f"processed/{product.file}", tables.json_bytes(content))
+
+
+def _put(path: Path, content: bytes | None) -> None:
+    if content is None:
+        path.unlink(missing_ok=True)
+    else:
+        tables.write_whole(path, content)
 
 
 @contextlib.contextmanager
@@ -318,54 +298,51 @@ def open_job(
             "name a folder outside it",
         )
     processed = out / "processed" / campaign.name
-    of_stages = {} if planned else inputs_of(stages, root, campaign)
-    listed: dict[str, Sequence[str]] = {} if planned else {MANIFEST: (MANIFEST,)}
+    of_stages = {
+        stage.name: stage.inputs(root, campaign)
+        for stage in stages
+        if stage.inputs is not None and stage.configured(campaign) and not planned
+    }
+    listed = {} if planned else {MANIFEST: (MANIFEST,)}
     for inputs in of_stages.values():
         listed |= inputs
-    stamps, digests = hashed(root, listed, None if fresh else processed / CACHE)
-    content = campaign.model_dump(mode="json", by_alias=True)
+    cache = processed / CACHE
+    known = {} if fresh else tables.read_json_if_whole(cache)
+    stamps, digests, settled = hashed(root, listed, known)
     with open_executor(executor) as pool:
-        yield Job(
-            root=root,
-            campaign=campaign,
-            processed=processed,
-            reports=out / "reports" / campaign.name,
-            executor=pool,
-            stages=tuple(stages),
-            inputs={
-                name: list_digest(name, {file: digests[file] for file in files})
-                for name, files in listed.items()
-            },
-            sources={name: tuple(inputs) for name, inputs in of_stages.items()},
-            stamps=stamps,
-            sections={
-                name: tables.digest_of(json.dumps(value, sort_keys=True, default=str).encode())
-                for name, value in content.items()
-            },
-            seed=seed,
-            say=say,
-        )
+        try:
+            yield Job(
+                root=root,
+                campaign=campaign,
+                processed=processed,
+                reports=out / "reports" / campaign.name,
+                executor=pool,
+                stages=tuple(stages),
+                inputs={
+                    name: digests[name] if files == (name,) else list_digest(files, digests)
+                    for name, files in listed.items()
+                },
+                sources={name: tuple(inputs) for name, inputs in of_stages.items()},
+                stamps=stamps,
+                seed=seed,
+                say=say,
+            )
+        finally:
+            # the folder exists once something has run; another user's products may be looked at
+            if not fresh and settled != known and processed.is_dir():
+                with contextlib.suppress(OSError):
+                    tables.write_whole(cache, json.dumps(settled).encode())
 
 
 # ---- raw files
 
 
-def inputs_of(stages: Iterable[Stage], root: Path, campaign: Campaign) -> dict[str, Inputs]:
-    """Raw files of each stage that the campaign asks for."""
-    return {
-        stage.name: stage.inputs(root, campaign)
-        for stage in stages
-        if stage.inputs is not None and stage.configured(campaign)
-    }
-
-
 def hashed(
-    root: Path, listed: Inputs, cache: Path | None
-) -> tuple[dict[str, Stamp], dict[str, str]]:
-    """Stamp and SHA-256 of each raw file. One whose stamp is as in `cache` is not read again; the
-    cache is brought up to date where products are.
+    root: Path, listed: Inputs, known: Mapping[str, Any]
+) -> tuple[dict[str, Stamp], dict[str, str], dict[str, list[Any]]]:
+    """Stamp and SHA-256 of each raw file, and those that may be `known` next time; a file whose
+    stamp is known is not read again.
     """
-    known = tables.read_json_if_whole(cache) if cache else {}
     folder, now_ns = root.as_posix(), time.time_ns()
     stamps, digests = dict[str, Stamp](), dict[str, str]()
     for file in dict.fromkeys(file for files in listed.values() for file in files):
@@ -380,18 +357,12 @@ def hashed(
         hashes = pool.map(tables.sha256, (f"{folder}/{file}" for file in unknown))
         digests |= zip(unknown, hashes, strict=True)
     settled = {f: [*s, digests[f]] for f, s in stamps.items() if now_ns - s[1] >= YOUNG_NS}
-    if cache and cache.parent.is_dir() and settled != known:
-        # another user's products may be looked at
-        with contextlib.suppress(OSError):
-            tables.write_whole(cache, json.dumps(settled).encode())
-    return stamps, digests
+    return stamps, digests, settled
 
 
-def list_digest(name: str, digests: Mapping[str, str]) -> str:
-    """Digest of a file, or of a list of files: their names, each with its own."""
-    if digests.keys() == {name}:
-        return digests[name]
-    return tables.digest_of("".join(f"{n} {sha}\n" for n, sha in digests.items()).encode())
+def list_digest(files: Sequence[str], digests: Mapping[str, str]) -> str:
+    """Digest of a list of files: their names, each with its own."""
+    return tables.digest_of("".join(f"{n} {digests[n]}\n" for n in files).encode())
 
 
 # ---- staleness
@@ -400,15 +371,11 @@ def list_digest(name: str, digests: Mapping[str, str]) -> str:
 @functools.cache
 def code_digest() -> str:
     """Digest of nearlift's own source, so that products of older code are stale."""
-    package = str(Path(__file__).parent.parent)
-    files = []
-    for folder, folders, names in os.walk(package):
-        folders[:] = [name for name in folders if name != "__pycache__"]
-        files += [os.path.join(folder, name) for name in names]  # noqa: PTH118 - four hundred paths take long
+    package = Path(__file__).parents[1]
+    files = (p for p in package.rglob("*") if "__pycache__" not in p.parts and p.is_file())
     digest = hashlib.sha256()
     for file in sorted(files):
-        with open(file, "rb", buffering=0) as source:  # noqa: PTH123
-            digest.update(file.removeprefix(package).encode() + b"\0" + source.read())
+        digest.update(str(file.relative_to(package)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 
 
@@ -427,11 +394,17 @@ def open_ledger(job: Job) -> ProvenanceLedger:
 
 def material(job: Job, stage: Stage) -> dict[str, str]:
     """Digests of everything that decides the stage's output, by their names in `why_stale`."""
+    manifest = job.campaign.model_dump(mode="json", by_alias=True, include=set(stage.sections))
     raw = job.inputs if stage.report else job.sources.get(stage.name, ())
     return {
         "nearlift itself": code_digest(),
         **{f"version of {package}": version for package, version in versions().items()},
-        **{f"[{name}] of the manifest": job.sections[name] for name in stage.sections},
+        **{
+            f"[{name}] of the manifest": tables.digest_of(
+                json.dumps(manifest[name], sort_keys=True, default=str).encode()
+            )
+            for name in stage.sections
+        },
         **{name: job.inputs[name] for name in raw},
         **{p.file: tables.sha256_if_any(job.processed / p.file) for p in stage.reads},
         "the seed": str(job.seed),
@@ -501,30 +474,33 @@ def run(
     Busy
         Another run works on the same products.
     """
-    with contextlib.ExitStack() as held:
-        ledger, alone = open_ledger(job), False
-        for stage in job.stages if wanted is None else wanted:
-            if not (force or stage.configured(job.campaign)):
-                continue
-            why = why_stale(job, stage, ledger)
-            if (why or force) and not alone:
-                held.enter_context(locked(job))
-                # another run may have ended since
-                ledger, alone = open_ledger(job), True
-                why = why_stale(job, stage, ledger)
-            why = why or ("asked for" if force else "")
-            if not why:
-                record = ledger.stages[stage.name]
-                outcome = Outcome(rejected=record.rejected, notes=record.notes)
-                yield Step(stage=stage, why="", outcome=outcome)
-                continue
-            begin(stage, why)
-            made_of, start = material(job, stage), time.perf_counter()
-            working = replace(job, pending={})
-            outcome = _done(working, stage)
-            wall_s = time.perf_counter() - start
-            ledger = _commit(working, stage, ledger, made_of, outcome, wall_s)
-            yield Step(stage=stage, why=why, outcome=outcome, wall_s=wall_s)
+    stages = job.stages if wanted is None else wanted
+    stages = [stage for stage in stages if force or stage.configured(job.campaign)]
+    ledger = open_ledger(job)
+    if force or any(why_stale(job, stage, ledger) for stage in stages):
+        with locked(job):
+            # another run may have ended since
+            ledger = open_ledger(job)
+            for stage in stages:
+                why = why_stale(job, stage, ledger) or ("asked for" if force else "")
+                if not why:
+                    yield _unchanged(stage, ledger)
+                    continue
+                begin(stage, why)
+                made_of, start = material(job, stage), time.perf_counter()
+                working = replace(job, pending={})
+                outcome = _done(working, stage)
+                wall_s = time.perf_counter() - start
+                ledger = _commit(working, stage, ledger, made_of, outcome, wall_s)
+                yield Step(stage=stage, why=why, outcome=outcome, wall_s=wall_s)
+    else:
+        yield from (_unchanged(stage, ledger) for stage in stages)
+
+
+def _unchanged(stage: Stage, ledger: ProvenanceLedger) -> Step:
+    record = ledger.stages[stage.name]
+    outcome = Outcome(rejected=record.rejected, notes=record.notes)
+    return Step(stage=stage, why="", outcome=outcome)
 
 
 def _done(job: Job, stage: Stage) -> Outcome:
@@ -585,10 +561,7 @@ def _commit(
     # from here until its record is written the stage is stale, whatever happens
     tables.write_whole(job.processed / LEDGER, tables.json_bytes(ledger))
     for name, content in files.items():
-        if content is None:
-            job.place(name).unlink(missing_ok=True)
-        else:
-            tables.write_whole(job.place(name), content)
+        _put(job.place(name), content)
     records[stage.name] = StageRecord(
         material=made_of,
         outputs={n: tables.digest_of(c) for n, c in sorted(files.items()) if c is not None},

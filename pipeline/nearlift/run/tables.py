@@ -170,26 +170,23 @@ def product_bytes(path: Path) -> bytes:
             "is missing",
             "run the stage that writes it (`nearlift run --dry-run CAMPAIGN` says which)",
         ) from None
-    stated = {} if path.name == LEDGER else stated_digests(path.with_name(LEDGER))
-    if digest_of(content) != stated.get(f"processed/{path.name}", digest_of(content)):
-        raise ProductError(str(path), "is damaged: it was changed after it was written", RUN_AGAIN)
+    digest, ledger = digest_of(content), path.with_name(LEDGER)
+    if path != ledger and ledger.is_file():
+        status = ledger.stat()
+        stated = _stated_digests(ledger, status.st_mtime_ns, status.st_ino)
+        if digest != stated.get(f"processed/{path.name}", digest):
+            raise ProductError(
+                str(path), "is damaged: it was changed after it was written", RUN_AGAIN
+            )
     return content
 
 
-def stated_digests(ledger: Path) -> Mapping[str, str]:
-    """Digests of products by name, as provenance.json has them; none where it is damaged."""
-    try:
-        status = ledger.stat()
-        return _outputs(ledger, status.st_mtime_ns, status.st_ino)
-    except (OSError, ProductError):
-        return {}
-
-
 @functools.lru_cache(maxsize=16)
-def _outputs(ledger: Path, *_: int) -> Mapping[str, str]:
+def _stated_digests(ledger: Path, *_: int) -> Mapping[str, str]:
+    """Digests of products by name, as provenance.json has them; none where it is damaged."""
     from nearlift.results.provenance import ProvenanceLedger
 
-    return load(ledger, ProvenanceLedger).outputs
+    return load_if_whole(ledger, ProvenanceLedger()).outputs
 
 
 # ---- tables

@@ -43,6 +43,12 @@ class Processes(futures.ProcessPoolExecutor):
         # its queues start a resource tracker, which is an interpreter too
         with isolation.safe_path():
             super().__init__(workers, mp_context=spawn, initializer=_begin)
+        # an interrupt can close a pipe while a thread of the library writes, which it would print
+        queue: Any = self._call_queue  # type: ignore[attr-defined]
+        report = queue._on_queue_feeder_error
+        queue._on_queue_feeder_error = lambda fault, item: (
+            None if item is None or isinstance(fault, OSError) else report(fault, item)
+        )
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
         """Run the task in a process, which may be started now and inherits the environment."""
@@ -62,32 +68,27 @@ def open_executor(text: str) -> Iterator[futures.Executor]:
     ``processes:N``. A cluster takes whole campaigns (`campaigns.run_campaigns`).
     """
     kind, _, count = text.partition(":")
+    kinds: dict[str, Callable[[int], futures.Executor]] = {
+        "serial": lambda _: SerialExecutor(),
+        "threads": futures.ThreadPoolExecutor,
+        "processes": Processes,
+    }
     if kind == "dask" and count:
-        raise UsageError(
-            "--executor", f"{text!r} takes whole campaigns", "use serial, threads:N or processes:N"
-        )
-    if kind not in ("serial", "threads", "processes") or (kind == "serial" and count):
-        raise UsageError(
-            "--executor",
-            f"{text!r} is not an executor",
-            "use serial, threads:N, processes:N or dask:ADDRESS",
-        )
-    if count and not (count.isdigit() and int(count)):
-        raise UsageError("--executor", f"{text!r} names no number of workers", "write threads:2")
-    workers = int(count or os.cpu_count() or 1)
-    pool = (
-        SerialExecutor()
-        if kind == "serial"
-        else futures.ThreadPoolExecutor(workers)
-        if kind == "threads"
-        else Processes(workers)
-    )
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    pool.shutdown()
+        what, remedy = "takes whole campaigns", "use serial, threads:N or processes:N"
+    elif kind not in kinds or (kind == "serial" and count):
+        what, remedy = "is not an executor", "use serial, threads:N, processes:N or dask:ADDRESS"
+    elif count and not (count.isdigit() and int(count)):
+        what, remedy = "names no number of workers", "write threads:2"
+    else:
+        pool = kinds[kind](int(count or os.cpu_count() or 1))
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        pool.shutdown()
+        return
+    raise UsageError("--executor", f"{text!r} {what}", remedy)
 
 
 def ordered(

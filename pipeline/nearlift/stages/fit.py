@@ -115,13 +115,13 @@ def run(job: Job) -> Outcome:
         rotor_coefficient={b: f.rotor_coefficient for b, f in fits.items()},
         influence={b: f.influence for b, f in fits.items()},
     )
-    job.save(results)
-    job.save(Results(boundaries={b: f.quoted for b, f in fits.items()}))
+    job.write_json(FIT, results)
+    job.write_json(RESULTS, Results(boundaries={b: f.quoted for b, f in fits.items()}))
     if job.campaign.fit.netcdf:
         write_netcdf(job, draws, results)
     else:
         # draws of an earlier fit would be taken for this one's
-        job.remove("processed/posterior.nc")
+        job.put("processed/posterior.nc", None)
     return Outcome(notes=tuple(note for f in fits.values() for note in f.notes))
 
 

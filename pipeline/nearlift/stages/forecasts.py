@@ -56,7 +56,7 @@ def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) 
     content = {"json": tables.json_bytes(outlook)} | for_print(
         figure.draw, figure.table(outlook), job.campaign
     )
-    files = [job.publish(f"design/design.{kind}", data) for kind, data in content.items()]
+    files = [job.put(f"reports/design/design.{kind}", data) for kind, data in content.items()]
     return replace(outlook, files=tuple(map(str, files)))
 
 
@@ -117,7 +117,7 @@ def explain(job: Job, name: str) -> EffectAccount:
     from nearlift.stages.gathering import for_print
 
     content = for_print(figure.draw, figure.table(curves), job.campaign)
-    files = [job.publish(f"explain/{name}.{kind}", data) for kind, data in content.items()]
+    files = [job.put(f"reports/explain/{name}.{kind}", data) for kind, data in content.items()]
     return replace(account, files=tuple(map(str, files)))
 
 

@@ -39,11 +39,11 @@ def run(job: Job) -> Outcome:
         if rows.empty:
             missing += [spec.name] if _expected(job, spec) else []
             for kind in ("pdf", "png", "csv"):
-                job.remove(f"reports/{spec.name}.{kind}")
+                job.put(f"reports/{spec.name}.{kind}", None)
             continue
         files = render(spec.draw, rows, look) | {"csv": csv(rows)}
         for kind, content in files.items():
-            job.publish(f"{spec.name}.{kind}", content)
+            job.put(f"reports/{spec.name}.{kind}", content)
         pictures.append(
             Picture(
                 name=spec.name,
@@ -54,7 +54,7 @@ def run(job: Job) -> Outcome:
             )
         )
     _documents(job, evidence)
-    job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
+    job.put("reports/index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(
         notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in missing)
     )
@@ -68,14 +68,14 @@ def _documents(job: Job, evidence: Evidence) -> None:
     for name, make in tables.TABLES.items():
         table = make(evidence)
         about = f"{job.campaign.name}: {table.caption}"
-        job.publish(f"tables/{name}.tex", tables.latex(table, about).encode())
-        job.publish(f"tables/{name}.csv", tables.csv(table.frame))
+        job.put(f"reports/tables/{name}.tex", tables.latex(table, about).encode())
+        job.put(f"reports/tables/{name}.csv", tables.csv(table.frame))
     for name, written in (
         ("summary.txt", summary.summary),
         ("methods.md", methods.markdown),
         ("references.bib", methods.references),
     ):
-        job.publish(name, written(evidence))
+        job.put(f"reports/{name}", written(evidence))
 
 
 def _expected(job: Job, spec: FigureSpec) -> bool:
