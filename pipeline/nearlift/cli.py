@@ -385,7 +385,6 @@ def _follow(call: Call, campaign: Path, period_s: float, asked: VisitQuestion | 
     from nearlift.run.watch import watch
     from nearlift.stages import looks
 
-    terminal.end_politely()
     call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
     look = functools.partial(looks.look, asked)
     for latest in watch(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
-import os
 import signal
 import sys
 import threading
@@ -33,6 +32,8 @@ BEGIN, RUN, SINGLE, AFTERWARDS, LOOK_UP = HEADINGS
 MAX_REJECTED_LISTED = 10
 #: Window of the estimate of the time left, s; one fold of a diagnosis may take a minute.
 SPEED_WINDOW_S = 3600.0
+#: Time after which an interrupt that no command has heard is repeated, s.
+REPEAT_S = 1.0
 #: Settings of a command that opens a campaign, and of one that computes.
 OPENS = ("out", "seed", "verbose")
 COMPUTES = ("out", "executor", "seed", "verbose")
@@ -65,14 +66,6 @@ EVERYWHERE = (
 class Commands(click.Group):
     """Group whose help lists commands by heading and whose refusals propose a command."""
 
-    def main(self, *args: Any, **extra: Any) -> Any:
-        """Run the command line; an interrupt that is lost in a callback from C is repeated."""
-        before, sys.unraisablehook = sys.unraisablehook, _repeat_interrupt
-        try:
-            return super().main(*args, **extra)
-        finally:
-            sys.unraisablehook = before
-
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
@@ -97,13 +90,31 @@ class Commands(click.Group):
                     formatter.write_dl(rows)
 
 
-def _repeat_interrupt(lost: sys.UnraisableHookArgs) -> None:
-    if issubclass(lost.exc_type, KeyboardInterrupt):
-        heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        again = signal.SIGINT if heard else signal.SIGTERM
-        threading.Timer(0.05, os.kill, (os.getpid(), again)).start()
-    else:
-        sys.__unraisablehook__(lost)
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Treat SIGTERM, a batch system's end, as Ctrl-C; repeat an interrupt that a library loses."""
+
+    def interrupt(*_: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, REPEAT_S)
+        raise KeyboardInterrupt
+
+    def unraisable(lost: sys.UnraisableHookArgs) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            sys.__unraisablehook__(lost)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before, hook = [signal.signal(number, interrupt) for number in numbers], sys.unraisablehook
+    sys.unraisablehook = unraisable
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        sys.unraisablehook = hook
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
 
 
 class Bar:
@@ -253,7 +264,8 @@ def command(
                 if call.out is None:
                     one = [given["campaign"]] if "campaign" in given else []
                     call.out = workspace(given.get("campaigns") or given.get("files") or one)
-                function(call=call, **given)
+                with interruptible():
+                    function(call=call, **given)
             except NearliftError as refusal:
                 call.end(refusal, refusal.exit_code, f"error: {refusal}")
             except (KeyboardInterrupt, click.Abort):
@@ -285,17 +297,10 @@ def workspace(campaigns: Iterable[Path]) -> Path:
     return Path()
 
 
-def end_politely() -> None:
-    """Treat SIGTERM, a batch system's end, as an interrupt."""
-    with contextlib.suppress(ValueError):
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-
-
 def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
     """Run the stale stages of a campaign, or `only` one, and exit with the contract's code."""
     from nearlift.run import engine
 
-    end_politely()
     if call.executor.startswith("dask"):
         execute_many(call, (campaign,), only)
     wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)

@@ -303,7 +303,7 @@ def open_job(
         for stage in stages
         if stage.inputs is not None and stage.configured(campaign) and not planned
     }
-    listed = {} if planned else {MANIFEST: (MANIFEST,)}
+    listed: dict[str, Sequence[str]] = {} if planned else {MANIFEST: (MANIFEST,)}
     for inputs in of_stages.values():
         listed |= inputs
     cache = processed / CACHE

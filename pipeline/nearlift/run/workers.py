@@ -43,17 +43,17 @@ class Processes(futures.ProcessPoolExecutor):
         # its queues start a resource tracker, which is an interpreter too
         with isolation.safe_path():
             super().__init__(workers, mp_context=spawn, initializer=_begin)
-        # an interrupt can close a pipe while a thread of the library writes, which it would print
-        queue: Any = self._call_queue  # type: ignore[attr-defined]
-        report = queue._on_queue_feeder_error
-        queue._on_queue_feeder_error = lambda fault, item: (
-            None if item is None or isinstance(fault, OSError) else report(fault, item)
-        )
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
         """Run the task in a process, which may be started now and inherits the environment."""
         with isolation.safe_path():
             return super().submit(fn, *args, **kwargs)
+
+    def end(self) -> None:
+        """End the processes at once, whatever they do."""
+        # this is no part of the library's interface before Python 3.14
+        for process in list((self._processes or {}).values()):
+            process.terminate()
 
 
 def _begin() -> None:
@@ -84,7 +84,10 @@ def open_executor(text: str) -> Iterator[futures.Executor]:
         try:
             yield pool
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            if isinstance(pool, Processes):
+                pool.end()
+            # an interpreter that ends before the pool's own thread may print a traceback
+            pool.shutdown(cancel_futures=True)
             raise
         pool.shutdown()
         return
