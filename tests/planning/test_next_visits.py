@@ -10,7 +10,6 @@ from tests.unit import small_run
 from nearlift import schedule as schedules
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, UsageError
-from nearlift.planning.plans import Traverse
 from nearlift.planning.question import ROUNDS, VisitQuestion
 from nearlift.report import visits
 from nearlift.results.next_visits import NextVisits
@@ -82,30 +81,6 @@ def test_its_rows_are_read_behind_those_of_the_schedule(ingested, tmp_path):
     assert read.covariates["approach"][-24::4].tolist() == ways
     for visit in range(old.visit[-1] + 1, read.visit[-1] + 1):
         assert sorted(read.throttle[read.visit == visit]) == sorted(small_run.FAR)
-
-
-def test_either_side_of_a_station_comes_as_often():
-    shown = {1.2: 0.03, 2.0: 0.05, 4.0: 0.1, 12.0: 0.3}
-    along = Traverse(shown_m=shown, balance={2.0: 2.0}, overshoot_m=2e-3)
-    rng = np.random.default_rng(0)
-    z_hat = [12.0 if i % 2 else z for i, z in enumerate(np.repeat([2.0, 4.0, 1.2], 8))]
-    ways = along.ways(z_hat, 12.0, rng)
-    sides = {z: [way for own, (way, _) in zip(z_hat, ways, strict=True) if own == z] for z in shown}
-    # what was unbalanced is balanced first, and both ends have one side only
-    assert sides[2.0] == [-1, -1, *sides[2.0][2:]]
-    assert sum(sides[2.0]) == -2
-    assert sum(sides[4.0]) == 0
-    assert set(sides[1.2]) == {-1}
-    assert set(sides[12.0]) == {1}
-    last = 12.0
-    for z, (way, via) in zip(z_hat, ways, strict=True):
-        arrived_from = shown[last] if via is None else via
-        assert way == (1 if shown[z] > arrived_from else -1)
-        assert via is None or abs(via - shown[z]) == pytest.approx(2e-3)
-        last = z
-    # nobody drives past a station where sides are not logged
-    free = dataclasses.replace(along, overshoot_m=0.0).ways(z_hat, 12.0, rng)
-    assert all(via is None for _, via in free)
 
 
 def test_a_table_for_the_eye_and_one_for_programs(ingested):

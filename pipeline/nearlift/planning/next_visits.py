@@ -8,7 +8,7 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.campaign.manifest import Campaign
-from nearlift.declare import Boundary, Effect, FloatArray, LiftModel
+from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.errors import InputRefused, NotConverged, UsageError
 from nearlift.loop import next_visits
 from nearlift.loop.candidate_fit import Point, search
@@ -23,7 +23,6 @@ from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
 from nearlift.observed import Trials, boundaries, choice
 from nearlift.planning.forecast import Forecast, of_trials
-from nearlift.planning.plans import Traverse, traverse
 from nearlift.planning.question import VisitQuestion
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import BoundaryDiagnosis
@@ -100,7 +99,7 @@ def _at(
     asked: VisitQuestion,
     count: int,
 ) -> NextVisits:
-    """Next visits at one boundary."""
+    """Next visits at one boundary, their gain and their cost."""
     problem, effects = forecast.problem, forecast.effects
     data, notes = problem.data, list(forecast.notes)
     question, aim = (
@@ -110,13 +109,7 @@ def _at(
     )
     if asked.coefficient:
         notes += _quoted(quoted, problem, asked.coefficient)
-    menu = next_visits.menu(
-        data,
-        _stations(trials, data.boundary, problem.base),
-        asked.drift or "supply_sag" in aim,
-    )
-    plan = next_visits.plan(problem, question, menu, asked.rounds)
-    if diagnosis is not None and not asked.coefficient:
+    elif diagnosis is not None:
         # the same two explanations, for sessions at other places too
         notes += [
             f"the diagnosis proposes {n.measure}: expected evidence {plain(n.expected_evidence, 2)}"
@@ -130,72 +123,76 @@ def _at(
         notes.append("a table of means: fill in the mean lift of each row before it is read")
     if not data.ordered:
         notes.append("the order of the trials is unknown: what drifts is not planned for")
-    along = traverse(trials, data, campaign)
-    return _document(plan, problem, aim, asked.until, count, notes, along)
+    # every scheduled distance by z_hat, measured or not, as the traverse shows it
+    mine = np.isin(trials["boundary"], [data.boundary, "none"])
+    shown_m = trials["z_m"][mine] - campaign.rig.offset(data.boundary)
+    shown = dict(zip(trials["z_hat"][mine].tolist(), shown_m.tolist(), strict=True))
+    low, high = problem.base.valid_z_hat
+    stations = np.array([z for z in shown if low < z <= high or np.isinf(z)])
+    menu = next_visits.menu(data, stations, asked.drift or "supply_sag" in aim)
+    plan = next_visits.plan(problem, question, menu, asked.rounds)
+    return _batch(plan, problem, aim, asked.until, count, notes, shown)
 
 
-def _document(
+def _batch(
     plan: Plan,
     problem: SearchProblem,
     aim: tuple[str, ...],
     until: float | None,
     count: int,
     notes: list[str],
-    along: Traverse,
+    shown_m: Mapping[float, float],
 ) -> NextVisits:
     """Batch of visits, its gain and its cost."""
     boundary, seed, parts = problem.data.boundary, problem.options.seed, len(aim) > 1
     visits = plan.batch(count, generator(seed, "next visits", boundary, *aim))
-    ahead = generator(seed, "visits after the next", boundary, *aim)
-    u_wanted = 1 / np.sqrt(APART) if parts else until
-    wanted = evenly = None
+    u_wanted, u_now = 1 / np.sqrt(APART) if parts else until, plan.u(plan.now)
+    more: dict[str, int | None] = dict.fromkeys(("visits_wanted", "visits_evenly"))
     end = plan.after(visits)
-    if u_wanted is not None and plan.u(plan.now) > u_wanted:
+    if u_wanted is not None and u_now <= u_wanted:
+        more = dict.fromkeys(more, 0)
+    elif u_wanted is not None:
+        ahead = generator(seed, "visits after the next", boundary, *aim)
         wanted = plan.until(u_wanted, count, ahead) if plan.least < u_wanted else None
         evenly = plan.evenly(u_wanted)
-        end = end if wanted is None else plan.after(wanted)
-    as_much = plan.evenly(float(plan.u(end)))
-    reached = u_wanted is not None and plan.u(plan.now) <= u_wanted
-    known = (lambda u: float(u**-2)) if parts else float
+        more["visits_evenly"] = None if evenly is None else int(np.ceil(evenly))
+        if wanted is not None:
+            more["visits_wanted"], end = len(wanted), plan.after(wanted)
+    sees = float("nan")
+    if (as_much := plan.evenly(float(plan.u(end)))) is not None:
+        like = plan.now + as_much * plan.of_round
+        sees = plan.sees(end, like, 10.0 ** problem.nothing_added[0].threshold)
     menu = plan.menu
-    visit = menu.trials.throttle.reshape(len(menu), -1)
-    z_hat = [float(menu.z_hat[menu.station[v]]) for v in visits]
-    sides = generator(seed, "sides", boundary, *aim)
-    ways = along.ways(z_hat, float(menu.z_hat[plan.last]), sides)
+    throttles = menu.trials.throttle.reshape(len(menu), -1)
+    z_hat = menu.z_hat[menu.station[visits]].tolist()
+    places = [shown_m[z] for z in (float(menu.z_hat[plan.last]), *z_hat)]
+    known = (lambda u: float(u**-2)) if parts else float
     return NextVisits(
         boundary=boundary,
         base_model=problem.base.name,
         trials=problem.data.n,
         throttles=menu.throttles,
         aim=aim,
-        now=known(plan.u(plan.now)),
+        now=known(u_now),
         after=known(plan.u(plan.after(visits))),
         wanted=APART if parts else until,
-        visits_wanted=0 if reached else None if wanted is None else len(wanted),
-        visits_evenly=0 if reached else None if evenly is None else int(np.ceil(evenly)),
+        **more,
         best=known(plan.least),
-        sees=(
-            float("nan")
-            if as_much is None
-            else plan.sees(
-                end,
-                plan.now + as_much * plan.of_round,
-                10.0 ** problem.nothing_added[0].threshold,
-            )
-        ),
+        sees=sees,
         sees_evenly=next_visits.SEEN,
         visits=tuple(
             NextVisit(
-                z_hat=z_hat[i],
-                distance_m=along.shown_m[z_hat[i]],
-                approach=ways[i][0],
-                via_m=ways[i][1],
+                z_hat=z,
+                distance_m=place,
+                approach=1 if place > before else -1,
                 throttles=tuple(
-                    generator(seed, "throttles", boundary, str(i)).permutation(visit[v])
+                    generator(seed, "throttles", boundary, str(i)).permutation(throttles[v])
                 ),
                 supply_V=float(menu.supply_V[v]) if np.isfinite(menu.supply_V[v]) else None,
             )
-            for i, v in enumerate(visits)
+            for i, (v, z, before, place) in enumerate(
+                zip(visits.tolist(), z_hat, places, places[1:], strict=False)
+            )
         ),
         notes=tuple(notes),
     )
@@ -290,12 +287,3 @@ def _points(
     )
     supposed = problem.candidate(effect).log_ratio(vector)
     return ((effect,), vector), fitted(other, supposed)
-
-
-def _stations(trials: Trials, boundary: Boundary, base: LiftModel) -> FloatArray:
-    """Scheduled distances within the range of the model, measured or not."""
-    z_hat = np.asarray(
-        trials["z_hat"][np.isin(trials["boundary"], [boundary, "none"])], dtype=float
-    )
-    low, high = base.valid_z_hat
-    return np.unique(z_hat[(z_hat > low) & ((z_hat <= high) | np.isinf(z_hat))])

@@ -23,8 +23,7 @@ def text(batch: NextVisits) -> str:
         supply = f"{v.supply_V:6.2f} V" if v.supply_V is not None else ""
         throttles = " ".join(f"{100 * t:.3g}" for t in v.throttles)
         ratio = "" if free else f"{v.z_hat:.3g}"
-        via = f", from {1e3 * v.via_m:.2f} mm" if v.via_m is not None else ""
-        table.append(f"{i + 1:>5}{where}{ratio:>8}{supply}   {throttles} %{via}")
+        table.append(f"{i + 1:>5}{where}{ratio:>8}{supply}   {throttles} %")
     return "\n".join([*table, "", *lines(batch), *(f"note: {note}" for note in batch.notes)])
 
 

@@ -12,8 +12,7 @@ from nearlift.results.document import Real
 class NextVisit:
     """One visit: `z_hat` is infinite in free air, `supply_V` None where it is left as it is.
 
-    `approach` is +1 where the last move leads away from the boundary, -1 where closer. `via_m` is
-    the detour to arrive so, None where none is needed.
+    `approach` is +1 where the last move leads away from the boundary, -1 where closer.
     """
 
     z_hat: Real
@@ -21,7 +20,6 @@ class NextVisit:
     throttles: tuple[Real, ...]
     supply_V: float | None
     approach: int
-    via_m: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
