@@ -158,12 +158,12 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         (pytest.approx(4.4), "rotor_radius"),
         (pytest.approx(4.4 * spacing / radius), "rotor_spacing"),
     ]
-    own = words._inputs(both, "ground")
+    own = words.Brief(both, "ground").inputs
     assert own.startswith(
         f"A 1 % error in rotor radius shifts K_b by {radius:.2g}, in rotor spacing by"
     )
     assert own.endswith(". The manifest states neither.")
-    assert words._inputs(known(10 * radius, "rotor_radius"), "ground") == ""
+    assert words.Brief(known(10 * radius, "rotor_radius"), "ground").inputs == ""
 
     # an offset that the diagnosis would have seen is not held against the number
     u = height / 40
@@ -196,7 +196,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     # 0.12 of a millimetre, and not 0.125, which the last digit of u would round
     limit["bias_at_detection_limit"] = 9.6
     seen = known(u, "height", found=diagnosed("adequate", **limit))
-    own = words._inputs(seen, "ground")
+    own = words.Brief(seen, "ground").inputs
     assert own.startswith("A 0.12 mm error in distance datum shifts K_b by up to")
 
 

@@ -44,7 +44,7 @@ SAID = {
 
 
 def test_the_verdict_is_said_without_identifiers(evidence, quoted):
-    text = words.verdict(evidence, "ground")
+    text = words.Brief(evidence, "ground").verdict
     assert [v for v, said in SAID.items() if said in text] == [quoted.verdict]
     assert text.endswith(".")
     assert "sanchez_cuevas" not in text
@@ -52,7 +52,7 @@ def test_the_verdict_is_said_without_identifiers(evidence, quoted):
 
 def test_repeated_searches_that_found_nothing_agree_with_nothing(evidence, quoted):
     if quoted.verdict == "adequate":
-        said = words.findings(evidence, "ground", evidence.diagnosed("ground"))
+        said = words.Brief(evidence, "ground").findings
         folds = evidence.diagnosed("ground").error.chosen_in_folds
         n = folds.count("adequate")
         assert n > 0
@@ -191,9 +191,9 @@ def test_the_methods_are_made_from_the_products(evidence, quoted):
         expected.append(f"Residuals near the ground were not diagnosed: {block['reason']}.")
     else:
         said = {
-            "adequate": "no residual structure was detected.",
+            "adequate": "no residual structure was detected (probability ",
             "effect": "the residuals are explained by supply sag [@supply_sag] (probability ",
-            "unexplained": "no candidate effect explains the residual structure.",
+            "unexplained": "no candidate effect explains the residual structure (probability ",
         }
         expected.append(f"Near the ground, {said[quoted.verdict]}")
         expected.append(f"{100 * block['error']['noise_floor']:.2f} %.")

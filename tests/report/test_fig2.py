@@ -498,7 +498,7 @@ def test_captions_count_the_rejected(evidence):
 
 def test_the_distance_of_a_change_of_two_percent_is_printed(evidence):
     for boundary in ("ground", "ceiling", "sidewall"):
-        text = words.reach(evidence, boundary)
+        text = words.Brief(evidence, boundary).reach
         z_hat = float(re.search(r"ẑ = ([\d.]+) ", text)[1])
         change = relative_lift.line(evidence, boundary, np.array([z_hat])).middle[0]
         assert abs(change) == pytest.approx(0.02, rel=0.02)

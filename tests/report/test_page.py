@@ -272,7 +272,7 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     assert "90 % interval 1.80 to 2.20. Includes" in words
     told = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
     assert "every undetected effect at its plausible size K b = 2.0 1.5 to 2.5" in told
-    assert "noise floor 0.41&nbsp;%" in words
+    assert "noise floor 0.41 %" in words
     assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
     assert "Next: both directions, to distinguish height offset from near-wall saturation." in words
     for attributes, _ in Elements(text).numbers:

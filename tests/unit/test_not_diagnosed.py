@@ -60,7 +60,7 @@ def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
             " air."
         ),
     )
-    assert any(doubt.text.startswith("Not diagnosed") for doubt in words.doubts(evidence))
+    assert any(doubt.startswith("Not diagnosed") for doubt in words.doubts(evidence))
     assert "Ground: not diagnosed" in diagnosis.facts(evidence)
 
 
@@ -73,7 +73,7 @@ def test_what_moves_the_headline_stands_before_what_might(evidence: report.Evide
     fits = copy.deepcopy(evidence.document(FIT))
     fits["influence"]["ground"]["suspects"] = [{**s, "without": None} for s in suspects]
     found = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: fits})
-    told = [re.split("[.:]", text)[0] for text in words._reservations(found, "ground")]
+    told = [re.split("[.:]", text)[0] for text in words.Brief(found, "ground").reservations]
     assert told[0].startswith("The answer depends on visit 0 (")
     assert told[1:4] == ["Most", "Much", "Not diagnosed"]
     assert told.count("Most") == 1

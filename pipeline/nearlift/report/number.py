@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -138,23 +138,23 @@ class Place:
         *path: str | int,
         digits: int = 4,
         scale: float = 1.0,
+        show: Callable[[float], float] | None = None,
         how: str = "",
         like_u: float | None = None,
         places: int | None = None,
     ) -> Number:
-        """One number: to so many digits, or so many decimal places, or those of an uncertainty
-        `like_u`.
+        """One number, scaled or as `show` makes it: to so many digits, or so many decimal places,
+        or those of an uncertainty `like_u`.
         """
         content = self.at(*path).content
         value = math.nan if content is None else float(content)
+        shown = show(value) if show else scale * value
         if not math.isfinite(value):
             text = "–"
         elif places is not None:
-            text = fixed(scale * value, places)
-        elif like_u is not None:
-            text = like(scale * value, scale * like_u)
+            text = fixed(shown, places)
         else:
-            text = plain(scale * value, digits)
+            text = plain(shown, digits) if like_u is None else like(shown, like_u)
         return Number(text=text, value=value, source=self.source(*path), how=how)
 
     def percent(
@@ -168,22 +168,32 @@ class Place:
         low, high = (self.number(*path, end, **kwargs) for end in ("lo90", "hi90"))
         return Markup("{} to {}").format(low, high)
 
-    def quote(self, *path: str | int, name: str = "") -> Quoted:
+    def quote(
+        self,
+        *path: str | int,
+        name: str = "",
+        show: Callable[[float], float] = float,
+        unit: str | None = None,
+    ) -> Quoted:
         """An estimate: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`;
-        of the path's last key, or of `name`.
+        of the path's last key, or of `name`; as `show` makes its numbers, in that unit.
         """
         place = self.at(*path)
         entry = place.content
-        known = {k: v for k, v in entry.items() if isinstance(v, int | float)}
+        known = {k: show(v) for k, v in entry.items() if isinstance(v, int | float)}
         # an interval without `u` still says to how many digits its centre is known
-        width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
-        u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
+        width = known.get("hi90", math.nan) - known.get("lo90", math.nan)
+        u = (known.get("u", 0.0) if show is float else 0.0) or width / 3.3
+        u = u if math.isfinite(u) and u > 0 else abs(known["value"] or 1.0) * 1e-4
+        how = "" if show is float else "in other units"
+        if unit is None:
+            unit = "" if entry.get("unit", "1") == "1" else entry["unit"]
         return Quoted(
             name=name or str(place.path[-1]),
-            unit="" if entry.get("unit", "1") == "1" else entry["unit"],
-            value=place.number("value", like_u=u),
+            unit=unit,
+            value=place.number("value", like_u=u, show=show, how=how),
             u=place.number("u", like_u=u) if "u" in known else None,
-            interval=place.ends(like_u=u),
+            interval=place.ends(like_u=u, show=show, how=how),
             at_bound=bool(entry.get("at_bound")),
         )
 

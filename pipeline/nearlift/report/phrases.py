@@ -1,24 +1,18 @@
-"""Phrases of sentences: lists, covariates, p-values, and sizes of effects with their units."""
+"""Phrases of sentences: lists, covariates, p-values, verdicts, sizes with their units."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from markupsafe import Markup, escape
 
 from nearlift.catalogue import titled
 from nearlift.nomenclature import INDEXED, letter, noun
-from nearlift.results.diagnosis import BoundaryDiagnosis, ExplanationProbability
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.estimate import Estimate
-from nearlift.results.quotation import (
-    UNEVEN,
-    BoundaryResult,
-    CoefficientResult,
-    IdentifiedSize,
-    RestsOn,
-)
+from nearlift.results.quotation import UNEVEN, BoundaryResult, CoefficientResult, IdentifiedSize
 from nearlift.rounding import like, plain, plus_minus
 
 #: P-values below this are printed as a bound.
@@ -50,6 +44,7 @@ SIZE_WORDS = {
     "speed_exponent": "lift scales as rotor speed^{}",
     "density_exponent": "lift scales as air density^{}",
     "held_exponent": "the lift ratio has the exponent {}",
+    "gap_hat2": "the gain of lift saturates below ẑ = {}",
 }
 
 
@@ -58,11 +53,21 @@ def listed(words: Sequence[str], last: str = "and") -> str:
     return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
-def several(names: Sequence[str]) -> str:
+def several(names: Sequence[str], most: int = MOST_NAMES, last: str = "and") -> str:
     """``a, b, c and 9 others``: no more names than a sentence bears."""
-    if len(names) <= MOST_NAMES:
-        return listed(names)
-    return listed([*names[: MOST_NAMES - 1], f"{len(names) - MOST_NAMES + 1} others"])
+    if len(names) > most:
+        names = [*names[: most - 1], f"{len(names) - most + 1} others"]
+    return listed(names, last)
+
+
+def titles(names: Sequence[str], last: str = "and") -> str:
+    """Effects and pairs of effects (``a + b``) by title, each once."""
+    return listed([*dict.fromkeys(titled(n.replace(" + ", " with ")) for n in names)], last)
+
+
+def counted(n: int, word: str) -> str:
+    """``1 trial``, ``2 trials``."""
+    return f"{n} {word}{'s' if n != 1 else ''}"
 
 
 def sentence(text: str) -> str:
@@ -94,58 +99,6 @@ def along(covariate: str) -> str:
     return ALONG.get(covariate, covariate.replace("_", " "))
 
 
-def explanation(quoted: BoundaryResult, diagnosis: BoundaryDiagnosis | None) -> str:
-    """The identified effects by title; below a probability of `MIN_ALONE` ``one of: supply sag
-    48 %, session gain 39 %, other 13 %``.
-    """
-    weighed = diagnosis.probabilities if diagnosis else ()
-    if is_sure(quoted) or not weighed:
-        return listed([titled(e) for e in quoted.effects])
-    ranked = sorted((w for w in weighed if w.other is None), key=lambda w: -w.probability)
-    likely = [w for w in ranked if w.probability >= MIN_LISTED][:MAX_LISTED]
-    shown = [f"{_weighed(w)} {100 * w.probability:.0f} %" for w in likely]
-    other = 100 - sum(round(100 * w.probability) for w in likely)
-    return f"one of: {', '.join([*shown, *([f'other {other} %'] if other > 0 else [])])}"
-
-
-def is_sure(quoted: BoundaryResult) -> bool:
-    """Whether the identified effects are named alone; also where no probability was computed."""
-    return quoted.probability is None or quoted.probability >= MIN_ALONE
-
-
-def probability(quoted: BoundaryResult) -> str:
-    """`` (probability 96 %)`` of effects that are named alone; empty where none was computed."""
-    p = quoted.probability
-    if p is None or not is_sure(quoted):
-        return ""
-    return f" (probability {f'{100 * p:.0f}' if p < 0.995 else '> 99'} %)"
-
-
-def claim(quoted: BoundaryResult, diagnosis: object) -> str:
-    """The verdict in a word, with the explanation: ``effect: supply sag``."""
-    known = diagnosis if isinstance(diagnosis, BoundaryDiagnosis) else None
-    verdict = quoted.verdict.replace("_", " ")
-    return f"{verdict}: {explanation(quoted, known)}" if quoted.effects else verdict
-
-
-def _weighed(one: ExplanationProbability) -> str:
-    if one.nameless:
-        return f"unexplained structure along {along(one.nameless)}"
-    return titled(" with ".join(one.effects)) or "no effect"
-
-
-def structure_along(diagnosis: BoundaryDiagnosis) -> str:
-    """Covariates of significant structure, the first two by name; else the first of all."""
-    shown = [s for s in diagnosis.structure if s.significant] or diagnosis.structure[:1]
-    every = [along(s.covariate) for s in shown]
-    return listed(every if len(every) < 3 else [*every[:2], "others"])
-
-
-def coverage(coefficient: str) -> str:
-    """Meaning of ± after a coefficient, which may itself be called k."""
-    return "one standard uncertainty" if coefficient == "k" else "k = 1"
-
-
 def chance(p: float) -> str:
     """``p = 0.02``, ``p = 3 × 10⁻⁶``, or ``p < 10⁻¹²``."""
     return f"p = {raised(plain(p, 1))}" if p > LEAST_P else "p < 10⁻¹²"
@@ -157,67 +110,105 @@ def raised(text: str) -> str:
     return f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
 
 
-def sizes(quoted: BoundaryResult, radius_m: float) -> str:
-    """Sizes of the identified effects: ``lift scales as voltage^2.03 (90 %: 1.95 to 2.10). Over the
-    trials it changes lift by 4.9 %``; effects by title where there are several.
+def coverage(coefficient: str) -> str:
+    """Meaning of ± after a coefficient, which may itself be called k."""
+    return "one standard uncertainty" if coefficient == "k" else "k = 1"
+
+
+# verdicts
+
+
+def is_sure(quoted: BoundaryResult) -> bool:
+    """Whether the identified effects are named alone; also where no probability was computed."""
+    return quoted.probability is None or quoted.probability >= MIN_ALONE
+
+
+def probability(quoted: BoundaryResult) -> str:
+    """`` (probability 96 %)`` of the verdict; empty where none was computed, and for effects that
+    are not named alone.
     """
-    parts = []
-    for effect in dict.fromkeys(s.effect for s in quoted.sizes):
-        mine = [s for s in quoted.sizes if s.effect == effect]
-        if len(mine) > MOST_SIZES:
-            ends = [
-                _amount(v, mine[0])
-                for v in (min(s.value for s in mine), max(s.value for s in mine))
-            ]
-            text = f"{len(mine)} values from {ends[0]} to {ends[1]} {_unit(mine[0])}".rstrip()
+    p = quoted.probability
+    if p is None or (quoted.effects and not is_sure(quoted)):
+        return ""
+    return f" (probability {f'{100 * p:.0f}' if p < 0.995 else '> 99'} %)"
+
+
+def explanation(quoted: BoundaryResult, diagnosis: BoundaryDiagnosis | None) -> str:
+    """The identified effects by title; below a probability of `MIN_ALONE` ``one of: supply sag
+    48 %, session gain 39 %, other 13 %``.
+    """
+    weighed = diagnosis.probabilities if diagnosis else ()
+    if is_sure(quoted) or not weighed:
+        return titles(quoted.effects)
+    likely = [w for w in weighed if w.other is None and w.probability >= MIN_LISTED]
+    likely = sorted(likely, key=lambda w: -w.probability)[:MAX_LISTED]
+    names = [
+        f"unexplained structure along {along(w.nameless)}"
+        if w.nameless
+        else titled(" with ".join(w.effects)) or "no effect"
+        for w in likely
+    ]
+    shares = [round(100 * w.probability) for w in likely]
+    if sum(shares) < 100:
+        names, shares = [*names, "other"], [*shares, 100 - sum(shares)]
+    return f"one of: {', '.join(f'{n} {s} %' for n, s in zip(names, shares, strict=True))}"
+
+
+def claim(quoted: BoundaryResult, diagnosis: object) -> str:
+    """The verdict in a word, with the explanation: ``effect: supply sag``."""
+    known = diagnosis if isinstance(diagnosis, BoundaryDiagnosis) else None
+    verdict = quoted.verdict.replace("_", " ")
+    return f"{verdict}: {explanation(quoted, known)}" if quoted.effects else verdict
+
+
+def structure_along(diagnosis: BoundaryDiagnosis | None) -> str:
+    """Covariates of significant structure, the first two by name; else the first of all."""
+    structure = diagnosis.structure if diagnosis else ()
+    shown = [s for s in structure if s.significant] or structure[:1]
+    every = [along(s.covariate) for s in shown]
+    return listed(every if len(every) < 3 else [*every[:2], "others"])
+
+
+def dependence(quoted: BoundaryResult) -> str:
+    """The single visit or trial that verdict or headline depend on; empty where there is none."""
+    if quoted.most_influential is None:
+        return ""
+    kind, moved = quoted.most_influential
+    headline = quoted.coefficients[quoted.headline]
+    trial = headline.influence.trial
+    # other verdicts, by the trial or visit without which they are given
+    turned, also = "", ""
+    for name, on in (("trial", quoted.rests_on), ("visit", quoted.rests_on_visit)):
+        if not on or on.verdict == quoted.verdict:
+            continue
+        other = on.verdict + (f" ({' and '.join(on.effects)})" if on.effects else "")
+        if (name, on.moved.id) == (kind, moved.id):
+            turned = other
         else:
-            text = ", ".join(_size(s, radius_m) for s in mine)
-        text += f". Over the trials it changes lift by {plain(mine[0].lift_percent, 2)} %"
-        parts.append(f"{titled(effect)}: {text}" if len(quoted.effects) > 1 else text)
-    return ". ".join(parts)
+            place = (trial if trial and trial.id == on.trial else on.moved).place
+            also += f" Without {name} {place} the verdict is {other}."
+    where = f"{kind} {moved.place}"
+    if abs(moved.shift) <= headline.u:
+        without = f"without it, it is {turned or quoted.verdict}"
+        return f"The verdict depends on {where}: {without}.{also}"
+    to = like(headline.value + moved.shift, headline.u)
+    change = ("+" if moved.shift > 0 else "") + plain(moved.shift, 2)
+    other = f"the verdict is {turned} and " if turned else ""
+    value = f"{noun(quoted.headline)} is {to} ({change})"
+    if moved.shift_per_mm is not None:
+        value += f"; 0.1 mm in its distance shifts it by {plain(abs(0.1 * moved.shift_per_mm), 2)}"
+    return f"The answer depends on {where}: without it {other}{value}.{also}"
 
 
-def _size(size: IdentifiedSize, radius_m: float) -> str:
-    """One size with its unit and 90 % interval."""
-    if size.parameter == "gap_hat2":
-        return _gap(size, radius_m)
-    low, high = (_amount(v, size) for v in (size.lo90, size.hi90))
-    value, unit = _amount(size.value, size), _unit(size)
-    words = SIZE_WORDS.get(size.parameter)
-    if words:
-        return f"{words.format(value)} (90 %: {low} to {high})"
-    name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
-    head, comma, tail = unit.partition(", ")
-    return f"{name} {value} {head}".rstrip() + f" (90 %: {low} to {high}){comma}{tail}"
-
-
-def _gap(size: IdentifiedSize, radius_m: float) -> str:
-    """The distance below which the gain saturates, whose square over rotor radii was fitted."""
-    each = [math.sqrt(max(x, 0.0)) for x in (size.value, size.lo90, size.hi90)]
-    u, mm = (each[2] - each[1]) / 3.3, 1e3 * radius_m
-    at, low, high = (like(mm * x, mm * u) for x in each)
+def random_walk(size: float) -> str:
+    """The sentence on a gain that drifts by this fraction of lift along no logged quantity."""
     return (
-        f"the gain of lift saturates below ẑ = {like(each[0], u)}, {at} mm (90 %: {low} to {high})"
+        f"the gain drifts irregularly by {100 * size:.2g} % of lift over the campaign,"
+        " along nothing that was logged"
     )
 
 
-def _amount(value: float, size: IdentifiedSize) -> str:
-    scale = _scale(size)[0]
-    return like(scale * value, scale * (size.hi90 - size.lo90) / 3.3)
-
-
-def _unit(size: IdentifiedSize) -> str:
-    return _scale(size)[1]
-
-
-def _scale(size: IdentifiedSize) -> tuple[float, str]:
-    """Factor and unit in which a size is printed: millimetres, millinewtons, per cent of lift."""
-    head, comma, tail = size.unit.partition(", ")
-    if head.startswith("fraction of "):
-        return 100.0, f"% of {head.removeprefix('fraction of ')}{comma}{tail}"
-    if head in ("m", "N"):
-        return SCALES[head]
-    return 1.0, "" if size.unit == "1" else size.unit
+# numbers
 
 
 def is_even(c: Estimate | CoefficientResult) -> bool:
@@ -239,52 +230,52 @@ def coefficient_text(c: Estimate | CoefficientResult, name: str = "") -> str:
     return f"{f'{letter(name)} = ' if name else ''}{value}{unit}{ends}{bound}"
 
 
-def _claim_without(on: RestsOn) -> str:
-    """The verdict without a trial or visit, with the named effects."""
-    return on.verdict + (f" ({' and '.join(on.effects)})" if on.effects else "")
+def displayed(parameter: str, unit: str) -> tuple[Callable[[float], float], str]:
+    """How a size of an effect is printed, and in which unit: millimetres, millinewtons, per cent of
+    lift, a distance where its square over rotor radii was fitted.
+    """
+    head, comma, tail = unit.partition(", ")
+    if parameter == "gap_hat2":
+        return (lambda x: math.sqrt(max(x, 0.0))), ""
+    if head.startswith("fraction of "):
+        return (lambda x: 100 * x), f"% of {head.removeprefix('fraction of ')}{comma}{tail}"
+    if head not in ("m", "N"):
+        return float, "" if unit == "1" else unit
+    factor, shown = SCALES[head]
+    return (lambda x: factor * x), shown
 
 
-def dependence(quoted: BoundaryResult) -> str:
-    """The single visit or trial that verdict or headline depend on; empty where there is none."""
-    if quoted.most_influential is None:
-        return ""
-    kind, moved = quoted.most_influential
-    headline = quoted.coefficients[quoted.headline]
-    trial = headline.influence.trial
-    turns = {}
-    for name, on in (("trial", quoted.rests_on), ("visit", quoted.rests_on_visit)):
-        if on and on.verdict != quoted.verdict:
-            shown = trial if trial and trial.id == on.trial else on.moved
-            turns[name, on.moved.id] = shown.place, _claim_without(on)
-    _, turned = turns.pop((kind, moved.id), ("", ""))
-    also = "".join(
-        f" Without {name} {place} the verdict is {other}."
-        for (name, _), (place, other) in turns.items()
-    )
-    where = f"{kind} {moved.place}"
-    if abs(moved.shift) <= headline.u:
-        return (
-            f"The verdict depends on {where}: without it, it is {turned or quoted.verdict}.{also}"
-        )
-    to = like(headline.value + moved.shift, headline.u)
-    value = f"{noun(quoted.headline)} is {to} ({_signed(moved.shift)})"
-    other = f"the verdict is {turned} and " if turned else ""
-    exact = (
-        f"; 0.1 mm in its distance shifts it by {plain(abs(0.1 * moved.shift_per_mm), 2)}"
-        if moved.shift_per_mm is not None
-        else ""
-    )
-    return f"The answer depends on {where}: without it {other}{value}{exact}.{also}"
+def sizes(quoted: BoundaryResult, radius_m: float) -> str:
+    """Sizes of the identified effects: ``lift scales as voltage^2.03 (90 %: 1.95 to 2.10). Over the
+    trials it changes lift by 4.9 %``; effects by title where there are several.
+    """
+    parts = []
+    for effect in dict.fromkeys(s.effect for s in quoted.sizes):
+        mine = [s for s in quoted.sizes if s.effect == effect]
+        if len(mine) > MOST_SIZES:
+            show, unit = displayed(mine[0].parameter, mine[0].unit)
+            u = (show(mine[0].hi90) - show(mine[0].lo90)) / 3.3
+            ends = [like(show(x(s.value for s in mine)), u) for x in (min, max)]
+            text = f"{len(mine)} values from {ends[0]} to {ends[1]} {unit}".rstrip()
+        else:
+            text = ", ".join(_size(s, radius_m) for s in mine)
+        text += f". Over the trials it changes lift by {plain(mine[0].lift_percent, 2)} %"
+        parts.append(sentence(f"{effect}: {text}") if len(quoted.effects) > 1 else text)
+    return " ".join(parts).removesuffix(".")
 
 
-def random_walk(size: float) -> str:
-    """The sentence on a gain that drifts by this fraction of lift along no logged quantity."""
-    return (
-        f"the gain drifts irregularly by {100 * size:.2g} % of lift over the campaign,"
-        " along nothing that was logged"
-    )
-
-
-def _signed(shift: float) -> str:
-    """A shift with its sign, to two digits."""
-    return ("+" if shift > 0 else "") + plain(shift, 2)
+def _size(size: IdentifiedSize, radius_m: float) -> str:
+    """One size with its unit and 90 % interval."""
+    show, unit = displayed(size.parameter, size.unit)
+    each = [show(x) for x in (size.value, size.lo90, size.hi90)]
+    u = (each[2] - each[1]) / 3.3
+    value, low, high = (like(x, u) for x in each)
+    if size.parameter == "gap_hat2":
+        mm, low, high = (like(1e3 * radius_m * x, 1e3 * radius_m * u) for x in each)
+        value += f", {mm} mm"
+    ends = f"(90 %: {low} to {high})"
+    if words := SIZE_WORDS.get(size.parameter):
+        return f"{words.format(value)} {ends}"
+    name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
+    head, comma, tail = unit.partition(", ")
+    return f"{name} {value} {head}".rstrip() + f" {ends}{comma}{tail}"

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from nearlift import catalogue
 from nearlift.declare import Boundary, Effect
 from nearlift.report.evidence import Evidence
+from nearlift.report.phrases import SCALES
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import SilentEffect
 from nearlift.results.quotation import CoefficientResult
+from nearlift.rounding import plain
 
 #: Least relative fall of u for which a source is listed, and most sources listed.
 LEAST_FALL, MOST_SOURCES = 0.05, 3
@@ -23,6 +25,13 @@ LEAST_VISIBLE = 1e-3
 
 STATION = re.compile(r"stations below z_hat = ([\d.]+)(?: and beyond ([\d.]+))?")
 BEYOND = re.compile(r"stations beyond z_hat = ([\d.]+)")
+
+
+TITLES = {
+    "rotor_radius": "rotor radius",
+    "rotor_spacing": "rotor spacing",
+    "height": "distance datum",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +46,17 @@ class PlausibleError:
     shift: float
     in_u: float
     at_most: bool
+
+    @property
+    def title(self) -> str:
+        """The input in words."""
+        return TITLES[self.on]
+
+    @property
+    def text(self) -> str:
+        """Its size with its unit."""
+        scale, unit = SCALES[self.unit]
+        return f"{plain(scale * self.size, 2)} {unit}"
 
 
 def leads(c: CoefficientResult) -> list[tuple[str, float]]:

@@ -9,13 +9,13 @@ from markupsafe import Markup
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.declare import BOUNDARIES
 from nearlift.report import blocks, sources, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import ranked
-from nearlift.report.number import Number, Place, Quoted
-from nearlift.report.phrases import along, listed, sentence
-from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
+from nearlift.report.number import Number, Place
+from nearlift.report.phrases import along, displayed, listed, sentence, titles
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.rounding import plain
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import RESULTS
@@ -24,6 +24,8 @@ from nearlift.stages.fit import RESULTS
 MAX_LINES = 12
 #: Nearer to a bound than this part of the allowed range, a parameter is at it.
 AT_BOUND = 1e-6
+#: A size that is printed as the distance of which it is the square.
+SATURATION = {"gap_hat2": "ẑ"}
 
 
 def facts(evidence: Evidence) -> Markup:
@@ -40,28 +42,31 @@ def facts(evidence: Evidence) -> Markup:
                 blocks.paragraph("{}", sentence(reason)),
             ]
         elif diagnosis := evidence.diagnosed(b):
-            parts.append(_section(evidence, b, diagnosis))
+            parts.append(_section(evidence, words.Brief(evidence, b), diagnosis))
     return blocks.join(*parts)
 
 
-def _section(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis) -> Markup:
-    place = Place(evidence, DIAGNOSIS, ("boundaries", boundary))
-    verdict = Markup('<p class="verdict">{}</p>')
+def _section(evidence: Evidence, brief: words.Brief, diagnosis: BoundaryDiagnosis) -> Markup:
+    place = Place(evidence, DIAGNOSIS, ("boundaries", brief.boundary))
+    experiments = {n: i for i, n in enumerate(diagnosis.next_experiment)}
     return blocks.join(
-        blocks.heading(boundary.capitalize()),
-        verdict.format(blocks.shown(words.verdict(evidence, boundary))),
-        blocks.items(words.findings(evidence, boundary, diagnosis)),
+        blocks.heading(brief.boundary.capitalize()),
+        Markup('<p class="verdict">{}</p>').format(blocks.shown(brief.verdict)),
+        blocks.items(brief.findings),
         blocks.table(
             "Identified effects",
             ("effect", "mechanism", "size", "90 %", "not distinguished from"),
-            _effects(evidence, boundary, diagnosis),
+            _effects(evidence, brief, diagnosis),
         ),
-        _table("Partial explanations", ("effect", "% of what exceeds the noise"), _partial(place)),
-        *(
-            _next(place.at("next_experiment", i))
-            for i, n in enumerate(diagnosis.next_experiment)
-            if words.is_feasible(n, evidence.observations[boundary].n)
+        _table(
+            "Partial explanations",
+            ("effect", "% of what exceeds the noise"),
+            [
+                (titled(p.content["name"]), p.percent("share", digits=2))
+                for p in place.every("partial")
+            ],
         ),
+        *(_next(place.at("next_experiment", experiments[n])) for n in brief.feasible),
         _table(
             "Smallest effects detected with 80 % power",
             ("effect", "parameter", "size", "unit"),
@@ -78,7 +83,20 @@ def _section(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosi
             ("effect", "log next time"),
             [(titled(name), listed(log)) for name, log in diagnosis.untestable.items()],
         ),
-        _silent(place, diagnosis),
+        _table(
+            "Effects that the coefficients can absorb",
+            ("effect", "absorbed by", "bias undetected, in u", "detectable at plausible size"),
+            [
+                (
+                    titled(s.effect),
+                    titled(s.absorbed_by),
+                    place.number("silent", i, "bias_at_detection_limit", digits=2),
+                    "no" if s.hidden else "yes",
+                )
+                for i, s in enumerate(diagnosis.silent[:MAX_LINES])
+                if not sources.is_the_coefficient(s)
+            ],
+        ),
     )
 
 
@@ -89,40 +107,32 @@ def _table(title: str, heads: tuple[str, ...], rows: list[tuple[object, ...]]) -
 
 
 def _effects(
-    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
+    evidence: Evidence, brief: words.Brief, diagnosis: BoundaryDiagnosis
 ) -> Iterator[tuple[object, ...]]:
     """A row for each size of an identified effect, as results.json quotes it where it does."""
-    place = Place(evidence, DIAGNOSIS, ("boundaries", boundary))
-    sizes = Place(evidence, RESULTS, ("boundaries", boundary, "sizes"))
-    quoted = {
-        (s.effect, s.parameter): sizes.quote(i, name=s.parameter)
-        for i, s in enumerate(evidence.quoted(boundary).sizes)
-    }
+    at = ("boundaries", brief.boundary)
+    quoted = {(s.effect, s.parameter): i for i, s in enumerate(brief.quoted.sizes)}
     for i, effect in enumerate(diagnosis.effects):
-        rivals = [titled(r.replace(" + ", " with ")) for r in diagnosis.stand_ins(effect)]
-        for name in effect.parameters:
-            loop = place.quote("effects", i, "parameters", name)
-            q = quoted.get((effect.name, name), loop)
+        rivals = titles(diagnosis.stand_ins(effect), "or")
+        for name, known in effect.parameters.items():
+            place = Place(evidence, DIAGNOSIS, (*at, "effects", i, "parameters", name))
+            if (j := quoted.get((effect.name, name))) is not None:
+                place = Place(evidence, RESULTS, (*at, "sizes", j))
+            show, unit = displayed(name, place.content.get("unit", "1"))
             # an exponent needs no unit in words
-            unit = "" if q.unit.startswith("exponent") else q.unit
-            q = replace(q, unit=unit, at_bound=_is_at_bound(effect, loop))
-            head = titled(effect.name), effect.mechanism
-            yield *head, q.equation, q.interval, listed(rivals, "or")
+            unit = "" if unit.startswith("exponent") else unit
+            q = place.quote(name=SATURATION.get(name, name), show=show, unit=unit)
+            q = replace(q, u=None, at_bound=_is_at_bound(effect.name, name, known.value))
+            yield titled(effect.name), effect.mechanism, q.equation, q.interval, rivals
 
 
-def _is_at_bound(effect: NamedEffect, size: Quoted) -> bool:
-    if effect.name not in {e.name for e in catalogue.effects()}:
-        return False
-    for p in catalogue.effect(effect.name).parameters:
-        if p.name == size.name.partition("[")[0]:
-            (low, high), value = p.bounds, size.value.value
+def _is_at_bound(effect: str, parameter: str, value: float) -> bool:
+    known = {e.name: e for e in catalogue.effects()}
+    for p in known[effect].parameters if effect in known else ():
+        if p.name == parameter.partition("[")[0]:
+            low, high = p.bounds
             return min(value - low, high - value) < AT_BOUND * (high - low)
     return False
-
-
-def _partial(place: Place) -> list[tuple[object, ...]]:
-    shares = place.every("partial")
-    return [(titled(p.content["name"]), p.percent("share", digits=2)) for p in shares]
 
 
 def _limits(place: Place) -> list[tuple[object, ...]]:
@@ -196,19 +206,3 @@ def _next(at: Place) -> Markup:
         cost,
         Markup(" Instead: {}.").format(Markup("; ").join(others)) if others else "",
     )
-
-
-def _silent(place: Place, diagnosis: BoundaryDiagnosis) -> Markup:
-    """Effects that the coefficients can absorb."""
-    rows: list[tuple[object, ...]] = [
-        (
-            titled(s.effect),
-            titled(s.absorbed_by),
-            place.number("silent", i, "bias_at_detection_limit", digits=2),
-            "no" if s.hidden else "yes",
-        )
-        for i, s in enumerate(diagnosis.silent[:MAX_LINES])
-        if not sources.is_the_coefficient(s)
-    ]
-    heads = ("effect", "absorbed by", "bias undetected, in u", "detectable at plausible size")
-    return _table("Effects that the coefficients can absorb", heads, rows)

@@ -30,7 +30,7 @@ def facts(evidence: Evidence) -> Markup:
     convergence, tilted = "Convergence of the averages", fig5.cases(evidence)
     wake = blocks.figure("fig5"), _topology(evidence, tilted)
     return blocks.join(
-        blocks.items(filter(None, (words.flow(evidence, b) for b in evidence.boundaries)), ""),
+        blocks.items(filter(None, (b.flow for b in words.briefs(evidence))), ""),
         blocks.figure("downwash"),
         blocks.figure("fig3"),
         blocks.fold("Every case", _cases(evidence), blocks.figure("fig4")),

@@ -30,10 +30,9 @@ def doubts(evidence: Evidence) -> Markup:
         blocks.items(
             [
                 Markup("{} {}").format(
-                    blocks.bold(f"{', '.join(d.boundaries) or 'all'}:".capitalize()),
-                    blocks.shown(d.text),
+                    blocks.bold(f"{', '.join(of) or 'all'}:".capitalize()), blocks.shown(text)
                 )
-                for d in words.doubts(evidence)
+                for text, of in words.doubts(evidence).items()
             ],
             "doubts",
         ),
@@ -45,11 +44,11 @@ def doubts(evidence: Evidence) -> Markup:
         *(
             blocks.paragraph(
                 "{}: <i>χ</i>²/dof = {}: {}.",
-                b.capitalize(),
-                reduced(evidence, b, evidence.base(b)[0].name),
-                words.goodness(evidence, b)[1],
+                b.boundary.capitalize(),
+                reduced(evidence, b.boundary, b.quoted.base_model),
+                b.goodness,
             )
-            for b in evidence.boundaries
+            for b in words.briefs(evidence)
         ),
     )
 

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from nearlift.report import phrases, words
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Place, headline
-from nearlift.stages.fit import RESULTS
+from nearlift.report.number import headline
 from nearlift.stages.ingest import TRIALS
 
 TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
@@ -23,18 +22,11 @@ def facts(evidence: Evidence) -> dict[str, object]:
 
 def card(evidence: Evidence, brief: words.Brief) -> dict[str, object]:
     """The first screen's part on one boundary."""
-    boundary, quoted = brief.boundary, brief.quoted
-    coefficients = [headline(evidence, boundary, name) for name in quoted.coefficients]
-    rejected, _ = words.goodness(evidence, boundary)
+    quoted = brief.quoted
     return {
         "brief": brief,
-        "quoted": quoted,
-        "error": Place(evidence, RESULTS, ("boundaries", boundary, "error")),
-        "model": evidence.base(boundary)[0].title,
-        "headline": coefficients[0] if coefficients else None,
+        "coefficients": [headline(evidence, brief.boundary, n) for n in quoted.coefficients],
         "coverage": phrases.coverage(quoted.headline),
-        "others": coefficients[1:],
-        "holds": next((phrases.sentence(c.holds) for c in quoted.coefficients.values()), ""),
-        "left_out": evidence.left_out,
-        "tone": TONES.get(quoted.verdict, "bad" if rejected else "fair"),
+        "holds": phrases.sentence(brief.headline.holds) if brief.headline else "",
+        "tone": TONES.get(quoted.verdict, "bad" if brief.rejected else "fair"),
     }

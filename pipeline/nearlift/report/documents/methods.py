@@ -2,246 +2,146 @@
 
 from __future__ import annotations
 
+import functools
 import re
+from importlib import resources
 
-import numpy as np
 from markupsafe import Markup
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, Declaration
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
 from nearlift.reduction.quality import rejected
-from nearlift.report import blocks, words
-from nearlift.report.documents.references import bibtex, keys
+from nearlift.report import blocks, phrases, words
+from nearlift.report.documents.text import environment
 from nearlift.report.evidence import Evidence
-from nearlift.report.phrases import (
-    coefficient_text,
-    explanation,
-    is_sure,
-    listed,
-    probability,
-    sentence,
-    several,
-    sizes,
-)
-from nearlift.rounding import plain
-from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import POSTERIOR
 from nearlift.stages.ingest import TRIALS
 from nearlift.version import __version__
 
-VERDICTS = {
-    "adequate": "no residual structure was detected",
-    "unexplained": "no candidate effect explains the residual structure",
-}
 CITED = re.compile(r"\[@([a-z0-9_]+(?:; @[a-z0-9_]+)*)\]")
 PROGRAMS = {"NumPy": "numpy", "SciPy": "scipy", "Matplotlib": "matplotlib"}
+#: Markdown as plain text.
+PLAIN = {r"\hat z": "ẑ", r"\Delta": "Δ", r"_\infty": "∞", **GREEK, "$": ""}
 
 
-def paragraphs(evidence: Evidence) -> list[str]:
-    """Design, reduction, fits, loop, results and programs, a paragraph each, in pandoc's Markdown:
-    ``$K_b$``, ``[@key]``.
+def markdown(evidence: Evidence) -> bytes:
+    """methods.md: design, reduction, fits, loop, results and programs, a paragraph each, in
+    pandoc's Markdown: ``$K_b$``, ``[@key]``.
     """
-    written = (_design, _reduction, _fits, _loop, _results, _programs)
-    return [" ".join(p.split()) for write in written if (p := write(evidence))]
+    briefs, trials = words.briefs(evidence), evidence.frame(TRIALS)
+    removed, lost = words.removed(evidence), int(rejected(trials["quality"].to_numpy()).sum())
+    fits = [evidence.base(b.boundary)[1] for b in briefs]
+    diagnosed = [b.diagnosis for b in briefs if b.diagnosis]
+    stated = [
+        f"{_inert(c.name)} (shared by {c.scope})"
+        for c in budget.components(evidence.campaign)
+        if not c.is_measured
+    ]
+    versions = evidence.versions
+    programs = [
+        f"{name} {versions[key]} [@{key}]" for name, key in PROGRAMS.items() if key in versions
+    ]
+    known = {e.name: e for e in catalogue.effects()}
+
+    def rival_models(boundary: Boundary) -> list[Declaration]:
+        base = evidence.fits.base[boundary]
+        return [catalogue.model(n) for n in evidence.fits.boundaries[boundary] if n != base]
+
+    text = environment().overlay()
+    text.filters["inert"] = _inert
+    rendered = text.get_template("methods.md.j2").render(
+        evidence=evidence,
+        trials=trials,
+        briefs=briefs,
+        rate=diagnosed[0].false_alarm_rate if diagnosed else None,
+        removed=removed.replace(" left out", f" {'was' if lost < 2 else 'were'} left out", 1),
+        excluded=sum(len(fit.excluded) for fit in fits),
+        cite=_cite,
+        rival_models=rival_models,
+        noise=[*{evidence.fits.noise[b.boundary].source.partition(" (")[0]: 0 for b in briefs}],
+        stated=stated,
+        sampled=evidence.has(POSTERIOR)
+        and any(fit.posterior and fit.posterior.sampler == "emcee" for fit in fits),
+        untestable=[*{titled(name): 0 for d in diagnosed for name in d.untestable}],
+        effects=lambda b: [known[n] for n in b.quoted.effects if n in known],
+        rivals_of=words.rivals_of,
+        power=words.power,
+        explanation=phrases.explanation,
+        is_sure=phrases.is_sure,
+        probability=phrases.probability,
+        sizes=phrases.sizes,
+        estimates=lambda b: [
+            f"{mathematics(n)} = {phrases.coefficient_text(c)}"
+            for n, c in b.quoted.coefficients.items()
+        ],
+        programs=[f"Python {versions.get('python', '')}".strip(), *programs],
+        version=__version__,
+    )
+    paragraphs = [re.sub(r" ([,.;:)])", r"\1", " ".join(p.split())) for p in rendered.split("¶")]
+    return ("\n\n".join(filter(None, paragraphs)) + "\n").encode()
 
 
 def facts(evidence: Evidence) -> Markup:
     """The paragraphs as plain text, for the page."""
-    text = blocks.join(*(blocks.paragraph("{}", _read(p)) for p in paragraphs(evidence)))
+    paragraphs = _plain(markdown(evidence).decode()).strip().split("\n\n")
     files = ("methods.md", "references.bib", "tables/coefficients.tex")
     links = Markup(", ").join(Markup('<a href="{}">{}</a>').format(f, f) for f in files)
     return blocks.join(
         blocks.paragraph("With citations: {}.", links, note=True),
-        Markup('<div id="methods-text">{}</div>').format(text),
+        Markup('<div id="methods-text">{}</div>').format(
+            blocks.join(*(blocks.paragraph("{}", p) for p in paragraphs))
+        ),
         blocks.copies("methods-text"),
     )
 
 
-def markdown(evidence: Evidence) -> bytes:
-    """methods.md."""
-    return ("\n\n".join(paragraphs(evidence)) + "\n").encode()
-
-
 def references(evidence: Evidence) -> bytes:
     """references.bib: what the paragraphs cite, and nothing else."""
-    groups = (group for p in paragraphs(evidence) for group in CITED.findall(p))
-    cited = [key for group in groups for key in group.split("; @")]
-    return bibtex(cited, (*catalogue.models(), *catalogue.effects())).encode()
+    groups = CITED.findall(markdown(evidence).decode())
+    cited = dict.fromkeys(key for group in groups for key in group.split("; @"))
+    declared = {d.name: d for d in (*catalogue.models(), *catalogue.effects())}
+    entries = [_known().get(key) or _declared(declared[key]) for key in cited]
+    return ("\n\n".join(entries) + "\n").encode()
 
 
-def _cite(*names: str) -> str:
-    return f"[@{'; @'.join(dict.fromkeys(names))}]"
+def _cite(*declared: Declaration) -> str:
+    """Citation of sources; of a declaration by its own name where its source gives no entry."""
+    keys = dict.fromkeys(key for d in declared for key in d.source.bibtex or (d.name,))
+    return f"[@{'; @'.join(keys)}]"
 
 
-def _safe(text: str) -> str:
+def _inert(text: str) -> str:
     """A name from a file, with nothing in it that Markdown or this module would act upon."""
     return " ".join(re.sub(r"[$\[\]@`*\\<>]", " ", text).split())
 
 
-def _plural(n: int, word: str) -> str:
-    return f"{n} {word}{'s' if n != 1 else ''}"
-
-
-def _design(evidence: Evidence) -> str:
-    vehicle, trials = evidence.campaign.vehicle, evidence.frame(TRIALS)
-    made = "simulated" if evidence.campaign.simulated else "measured"
-    text = (
-        f"Lift of a tethered rotorcraft ({_safe(vehicle.name)}:"
-        f" {_plural(vehicle.rotors, 'rotor')} of radius {plain(1e3 * vehicle.rotor_radius)} mm)"
-        f" was {made} at constant {evidence.campaign.rig.held}."
-        r" $\hat z$ is the distance over the rotor radius."
-    )
-    for boundary in evidence.boundaries:
-        mine = trials[(trials["boundary"] == boundary) & np.isfinite(trials["z_hat"])]
-        z = mine["z_hat"]
-        visits = f" in {_plural(mine['visit'].nunique(), 'visit')}" if "visit" in mine else ""
-        text += (
-            f" Near the {boundary}, {_plural(len(mine), 'trial')}{visits} at"
-            f" {_plural(z.nunique(), 'distance')}"
-            rf" ($\hat z$ from {plain(z.min(), 3)} to {plain(z.max(), 3)}) and"
-            rf" {_plural(mine['throttle'].nunique(), 'throttle')}."
-        )
-    if free := int((trials["boundary"] == "none").sum()):
-        text += f" In free air, {_plural(free, 'trial')}."
-    return f"The records were simulated, not measured. {text}" if made == "simulated" else text
-
-
-def _reduction(evidence: Evidence) -> str:
-    trials, cell = evidence.table(TRIALS), evidence.campaign.load_cell
-    text = "Mean lifts of trials were taken as they were recorded."
-    if evidence.campaign.records.reader != "means":
-        rate = f" at {plain(cell.sample_rate)} Hz" if cell.sample_rate else ""
-        tare = {"none": "without a tare", 0.0: "tared beforehand"}.get(
-            cell.tare or 0.0, "tare removed"
-        )
-        text = f"Each trial is the mean of a load-cell record{rate}, {tare}."
-    n = len(trials["quality"])
-    lost = "was" if rejected(trials["quality"]).sum() < 2 else "were"
-    removed = words.removed(evidence).replace(" left out", f" {lost} left out", 1)
-    text += f" Of {_plural(n, 'trial')}, {removed}."
-    if excluded := sum(len(evidence.base(b)[1].excluded) for b in evidence.boundaries):
-        text += f" {_plural(excluded, 'accepted trial')} outside a base model's range took no part."
-    return text
-
-
-def _fits(evidence: Evidence) -> str:
-    parts = []
-    for boundary in evidence.boundaries:
-        model, fit = evidence.base(boundary)
-        others = [n for n in evidence.fits.boundaries[boundary] if n != model.name]
-        rivals = [catalogue.model(n) for n in others]
-        cited = _cite(*(k for r in rivals for k in keys(r))) if rivals else ""
-        also = f", with {_plural(len(rivals), 'rival')} {cited}" if rivals else ""
-        parts.append(
-            f" Near the {boundary}: {model.title} {_cite(*keys(model))}{also}, to"
-            f" {_plural(fit.n_trials, 'trial')}."
-        )
-    declared = [
-        f"{_safe(c.name)} (shared by {c.scope})"
-        for c in budget.components(evidence.campaign)
-        if not c.is_measured
-    ]
-    shared = f". It includes the stated uncertainties: {listed(declared)}" if declared else ""
-    curve = evidence.campaign.levels
-    levels = "free for every throttle"
-    if curve is not None and curve.by != "throttle":
-        levels = f"a curve (its logarithm a polynomial of those of {_safe(listed(curve.of))})"
-    sources = dict.fromkeys(evidence.fits.noise[b].source for b in evidence.boundaries)
-    noise = dict.fromkeys(source.partition(" (")[0] for source in sources)
-    posteriors = [evidence.base(b)[1].posterior for b in evidence.boundaries]
-    drawn = evidence.has(POSTERIOR) and any(p and p.sampler == "emcee" for p in posteriors)
-    sampled = f" Their posteriors were drawn by ensemble sampling {_cite('emcee')}."
-    return (
-        r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with"
-        rf" $L_\infty$ {levels}.{''.join(parts)}"
-        f" Least squares (trust region {_cite('lmfit')}) used the full covariance of the"
-        f" {listed(list(noise))}{shared}."
-        f" Uncertainties are standard ones, by the GUM {_cite('gum2008')}."
-        f"{sampled if drawn else ''}"
-    )
-
-
-def _loop(evidence: Evidence) -> str:
-    if not evidence.has(DIAGNOSIS):
-        return ""
-    said = [_verdict(evidence, b) for b in evidence.boundaries]
-    diagnosed = [d for d in map(evidence.diagnosed, evidence.boundaries) if d]
-    if diagnosed:
-        rate = plain(100 * diagnosed[0].false_alarm_rate, 2)
-        tested = (
-            "Residuals of the base models were tested against run order, distance, throttle, logged"
-            " quantities and nearlift's library of effects. The false-alarm rate is"
-            f" {rate} % per boundary."
-        )
-        untested = dict.fromkeys(titled(name) for d in diagnosed for name in d.untestable)
-        if untested:
-            tested += f" Untestable with what was logged: {several([*untested])}."
-        said.insert(0, tested)
-    return " ".join(said)
-
-
-def _verdict(evidence: Evidence, boundary: Boundary) -> str:
-    """The loop's answer at one boundary, with its error."""
-    diagnosis, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
-    if diagnosis is None:
-        reason = evidence.not_diagnosed(boundary)
-        return f"Residuals near the {boundary} were not diagnosed: {reason}." if reason else ""
-    said = VERDICTS.get(diagnosis.verdict, "")
-    if diagnosis.verdict == "effect":
-        known = {e.name: e for e in catalogue.effects()}
-        effects = [known[e.name] for e in diagnosis.effects if e.name in known]
-        cited, rivals = _cite(*(k for e in effects for k in keys(e))), words.rivals_of(diagnosis)
-        said = f"the residuals are explained by {explanation(quoted, diagnosis)} {cited}"
-        if is_sure(quoted):
-            said += probability(quoted)
-            said += (
-                f": {sizes(quoted, evidence.campaign.vehicle.rotor_radius)}" if quoted.sizes else ""
-            )
-            said += f". The design cannot distinguish this from {rivals}" if rivals else ""
-    if diagnosis.look:
-        said += f" ({diagnosis.look.text})"
-    text = f"Near the {boundary}, {said}."
-    if diagnosis.error:
-        error = words.error(quoted, evidence.left_out)
-        text += f" {sentence(f'cross-validated error: {error}')}"
-    if could := diagnosis.sensitivity:
-        text += f" {words.power(could)}."
-    return text
-
-
-def _results(evidence: Evidence) -> str:
-    """The coefficients to quote, with what their intervals hold."""
-    parts = []
-    for boundary in evidence.boundaries:
-        coefficients = evidence.quoted(boundary).coefficients
-        estimates = [f"{mathematics(n)} = {coefficient_text(c)}" for n, c in coefficients.items()]
-        for first in [*coefficients.values()][:1]:
-            holds = _safe(titled(first.holds)).removesuffix(".")
-            parts.append(f"Near the {boundary}, {listed(estimates)}. {holds}.")
-    return " ".join(parts)
-
-
-def _programs(evidence: Evidence) -> str:
-    versions = evidence.versions
-    named = [
-        f"{name} {versions[key]} {_cite(key)}" for name, key in PROGRAMS.items() if key in versions
-    ]
-    programs = listed([f"Python {versions.get('python', '')}".strip(), *named])
-    return f"All numbers are those of nearlift {__version__} with {programs}, seed {evidence.seed}."
-
-
-def _read(text: str) -> str:
-    """For the eye: no cites, and symbols as letters."""
+def _plain(text: str) -> str:
+    """Markdown for the eye: no cites, and symbols as letters."""
     text = CITED.sub("", text)
-    for spelled, shown in (
-        (r"\hat z", "ẑ"),
-        (r"\Delta", "Δ"),
-        (r"_\infty", "∞"),
-        *GREEK.items(),
-        ("$", ""),
-    ):
+    for spelled, shown in PLAIN.items():
         text = text.replace(spelled, shown)
-    return re.sub(r"(?<!\s)\s++([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))
+    return re.sub(r"(?<! ) ++([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))
+
+
+@functools.cache
+def _known() -> dict[str, str]:
+    """references.bib by key: only fields that the publications or the declarations give."""
+    folder = resources.files("nearlift.report.documents")
+    text = folder.joinpath("references.bib").read_text(encoding="utf-8")
+    return {e.partition("{")[2].partition(",")[0]: e for e in text.strip().split("\n\n")}
+
+
+def _declared(declaration: Declaration) -> str:
+    citation = re.sub(r"([&_$])", r"\\\1", re.sub(r"[\\{}%#~^]", " ", declaration.source.citation))
+    lines = [
+        f"@misc{{{declaration.name}",
+        "  author = {{nearlift developers}}",
+        f"  title = {{{{{declaration.title}}}}}",
+        "  howpublished = {nearlift, library of models and effects}",
+        f"  note = {{{citation}}}",
+        *([f"  doi = {{{declaration.source.doi}}}"] if declaration.source.doi else []),
+    ]
+    return ",\n".join(lines) + "\n}"
