@@ -96,7 +96,9 @@ def test_an_exponent_that_no_physics_has_is_refused_and_the_refusal_says_why():
     data = with_speed(table("ground"), 7.5)
     found = diagnose(data, BASES["ground"], (), Options()).findings.content
     assert found["verdict"] == "unexplained"
-    assert "rotor_speed (speed_exponent runs into 3)" in found["rounds"][0]["reason"]
+    assert found["at_bound"] == [
+        "rotor_speed would explain 64 % with speed_exponent above 3: check that bound"
+    ]
     assert "rotor_speed" not in {p["name"] for p in found["partial"]}
     row = next(c for c in found["rounds"][0]["candidates"] if c["name"] == "rotor_speed")
     assert (row["accepted"], row["at_bound"], row["sizes"]) == (

@@ -40,6 +40,7 @@ from nearlift.loop.families import tells
 from nearlift.loop.far_lift import far_lift
 from nearlift.loop.findings import (
     accepted_explanation,
+    beyond_bounds,
     named_effects,
     partial,
     rounds,
@@ -195,6 +196,7 @@ def _described(
         accepted=accepted,
         probabilities=answer.probabilities,
         partial=partial(problem, answer) if answer.verdict == "unexplained" else None,
+        at_bound=(beyond_bounds(answer) or None) if answer.verdict == "unexplained" else None,
         contradicted=answer.contradicted or None,
         wander=answer.random_walk_gain or None,
         p_value=answer.first.p_value,

@@ -25,9 +25,10 @@ from nearlift.results.diagnosis import (
 )
 from nearlift.results.estimate import Estimate
 from nearlift.results.fit import ParameterCovariance
+from nearlift.rounding import plain
 
 #: Share of the structure's excess chi2 from which an effect refused at a bound is reported.
-FAIR_SHARE = 0.1
+FAIR_SHARE = 0.5
 #: Most pairs that a round lists, the likeliest.
 LISTED_PAIRS = 12
 
@@ -149,7 +150,6 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
         " likelier: its form would have to be far off"
         if alone
         else "each one leaves structure beyond the threshold, or explains too little"
-        + _impossible(answer)
     )
     size = answer.random_walk_gain
     unnamed = (
@@ -202,28 +202,27 @@ def _sizes(explanation: Explanation) -> dict[str, float]:
     }
 
 
-def _impossible(answer: Answer) -> str:
-    """Single effects with a fair share of the structure but a size at a bound; empty if none."""
-    share = FAIR_SHARE * answer.problem.excess
-    ends = [
-        f"{e.name} ({_at_end(e)})"
-        for e in sorted(answer.singles, key=lambda e: -e.gain)
-        if e.fitted.at_bound and e.gain > share
-    ]
-    if not ends:
-        return ""
-    return f"; refused, since the size that it takes is not possible: {', '.join(ends)}"
-
-
-def _at_end(explanation: Explanation) -> str:
-    """Sizes at a bound, in words."""
-    effects = explanation.fitted.candidate.effects
-    ends = {p.name: p.bounds for e in effects for p in e.parameters if not p.grid}
-    return ", ".join(
-        f"{name} runs into {size:.3g}"
-        for name, size in _sizes(explanation).items()
-        if size in ends.get(name, ())
-    )
+def beyond_bounds(answer: Answer) -> tuple[str, ...]:
+    """Single effects that explain `FAIR_SHARE` of the structure's excess with a size at a bound, in
+    words.
+    """
+    texts, excess = [], answer.problem.excess
+    for e in sorted(answer.singles, key=lambda e: -e.gain):
+        if not e.fitted.at_bound or e.gain < FAIR_SHARE * excess:
+            continue
+        (effect,) = e.fitted.candidate.effects
+        sizes = _sizes(e)
+        for p in effect.parameters:
+            size = sizes.get(p.name)
+            if p.grid or size not in p.bounds:
+                continue
+            shown, unit = (1e3 * size, "mm") if p.unit == "m" else (size, p.unit)
+            beyond = f"{'above' if size == p.bounds[1] else 'below'} {plain(shown, 3)}"
+            texts.append(
+                f"{effect.name} would explain {100 * min(e.gain / excess, 1):.0f} % with {p.name}"
+                f" {beyond}{'' if unit == '1' else f' {unit}'}: check that bound"
+            )
+    return tuple(texts)
 
 
 def _sweep(tried: tuple[Explanation, ...], answer: Answer) -> LoopRound:

@@ -372,7 +372,7 @@ class Brief:
                 " the model is"
             )
         if diagnosis:
-            said += [*(diagnosis.contradicted or ())]
+            said += [*(diagnosis.contradicted or ()), *map(titled, diagnosis.at_bound or ())]
             said += [random_walk(diagnosis.wander)] if diagnosis.wander is not None else []
             if diagnosis.verdict == "unexplained" and not diagnosis.contradicted:
                 where = structure_along(diagnosis)

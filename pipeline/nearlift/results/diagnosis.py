@@ -236,6 +236,8 @@ class BoundaryDiagnosis:
         Of everything that was weighed; they sum to 1.
     partial : tuple of PartialEffect
         Of structure that is not explained.
+    at_bound : tuple of str
+        Effects that would explain half of it or more with a size at a bound of its range.
     contradicted : tuple of str
         What speaks against a model that no test of structure rejects.
     wander : float
@@ -261,6 +263,7 @@ class BoundaryDiagnosis:
     accepted: IfAny[AcceptedExplanation] = None
     probabilities: IfAny[tuple[ExplanationProbability, ...]] = ()
     partial: IfAny[tuple[PartialEffect, ...]] = None
+    at_bound: IfAny[tuple[str, ...]] = None
     contradicted: IfAny[tuple[str, ...]] = None
     wander: IfAny[float] = None
     p_value: Real

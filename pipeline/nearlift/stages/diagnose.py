@@ -138,6 +138,7 @@ def run(job: Job) -> Outcome:
             loop.look.text if loop.look else "",
             f"{data.n} trials {loop.sensitivity}" if loop.sensitivity else "",
             *(loop.contradicted or ()),
+            *(loop.at_bound or ()),
             phrases.random_walk(loop.wander) if loop.wander else "",
             phrases.dependence(diagnosis.quoted),
             f"downwash at {len(downwash)} distances enters the probabilities" if downwash else "",
