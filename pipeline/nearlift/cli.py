@@ -8,7 +8,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -28,26 +28,10 @@ from nearlift.planning.question import ROUNDS, VisitQuestion  # noqa: E402
 from nearlift.printing import say  # noqa: E402
 from nearlift.run.engine import Stage  # noqa: E402
 from nearlift.stages import ORDER, STAGES  # noqa: E402
-from nearlift.terminal import (  # noqa: E402
-    AFTERWARDS,
-    BEGIN,
-    COMPUTES,
-    LOOK_UP,
-    OPENS,
-    RUN,
-    SINGLE,
-    Call,
-    Commands,
-)
+from nearlift.terminal import HEADINGS, Call, Command, Commands  # noqa: E402
 from nearlift.version import __version__  # noqa: E402
 
-#: Formats of `export`: option and file.
-EXPORTS = {
-    "netcdf": "posterior.nc: draws of every model, for ArviZ and xarray",
-    "c": "export/lift_model.h: a C99 header for firmware, metres in",
-    "document": "export/lift_model.json, and its JSON Schema",
-    "python": "export/lift_model.py: a module that needs only Python",
-}
+BEGIN, RUN, SINGLE, AFTERWARDS, LOOK_UP = HEADINGS
 ABOUT = """Lift of a tethered rotorcraft near ground, ceiling and wall.
 
 nearlift averages load-cell records and fits a model of lift against distance. It looks for the
@@ -63,47 +47,38 @@ Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input u
 refused; 5 a fit did not converge; 130 interrupted.
 """
 PATH = click.Path(path_type=Path)
-FOLDER = click.Path(path_type=Path, file_okay=False)
-POSITIVE = click.FloatRange(min=0, min_open=True)
-SHARE = click.FloatRange(0, 1)
+POSITIVE, SHARE = click.FloatRange(min=0, min_open=True), click.FloatRange(0, 1)
+flag = functools.partial(click.option, is_flag=True)
 campaign_argument = click.argument("campaign", type=PATH)
 dialect_option = click.option(
     "--dialect",
     default="",
     metavar="KEYS",
-    help='How to read the text, as [records] dialect in a manifest: \'separator = "semicolon",'
-    ' decimal = ",", encoding = "latin-1"\'.',
+    help="How to read the text, as [records] dialect in a manifest: 'separator = \"semicolon\"'.",
 )
 registry_option = click.option(
-    "--registry",
-    type=PATH,
-    metavar="FILE",
-    help="Another list of data sets, in the form of nearlift's own.",
+    "--registry", type=PATH, metavar="FILE", help="Your list of data sets, in the form of ours."
 )
-
-
-def flag(name: str, help_text: str) -> Callable[[Any], Any]:
-    """Option without a value."""
-    return click.option(name, is_flag=True, help=help_text)
 
 
 @click.group(
     cls=Commands,
     help=ABOUT,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 110,
+        "show_default": True,
+    },
 )
 @click.version_option(__version__, prog_name="nearlift")
 def main() -> None:
     """Run the command line."""
 
 
-command = functools.partial(terminal.command, main)
-
-
 # ---- begin
 
 
-@command(BEGIN, "demo", COMPUTES)
+@main.command(heading=BEGIN, example="demo")
 def demo(call: Call) -> None:
     """Run a simulated campaign, end to end.
 
@@ -118,14 +93,10 @@ def demo(call: Call) -> None:
     terminal.execute(call, folder)
 
 
-@command(BEGIN, "new raw/my-rig\nnew raw/my-rig --from logs/*.csv")
+@main.command(heading=BEGIN, example="new raw/my-rig\nnew raw/my-rig --from logs/*.csv")
 @click.argument("folder", type=PATH, metavar="DIR")
 @click.argument("files", nargs=-1, type=PATH)
-@flag(
-    "--from",
-    "Build the campaign from these files or folders: records and the table that lists them, or one"
-    " table of mean lifts.",
-)
+@flag("--from", help="Build the campaign from FILES: records and their list, or a table of means.")
 @dialect_option
 def new(call: Call, folder: Path, files: tuple[Path, ...], dialect: str, **given: bool) -> None:
     """Make a campaign folder, empty or from records.
@@ -151,24 +122,20 @@ def new(call: Call, folder: Path, files: tuple[Path, ...], dialect: str, **given
     call.answer(content, "\n".join(lines))
 
 
-@command(BEGIN, "inspect logs/run-1.csv\ninspect --cuts raw/my-rig", ("out",))
+@main.command(heading=BEGIN, example="inspect logs/run-1.csv\ninspect --cuts raw/my-rig")
 @click.argument("files", type=PATH, nargs=-1, required=True, metavar="FILE...")
 @dialect_option
-@flag(
-    "--cuts",
-    "Instead: cut records by [segments] of the manifest and draw them to"
-    " reports/NAME/segments.png. FILE is a campaign's folder or one of its records.",
-)
+@flag("--cuts", help="Instead: cut a campaign's records by its [segments], and draw segments.png.")
 def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> None:
     """Show what a file holds, and the lines that read it.
 
     Lists its channels and prints the tables of a manifest that read it. These are [records] of a
-    record, [piv] of a velocity grid, or the schedule's units of a table of means.
+    record, [piv] of a velocity grid, or the schedule's units of a table of means. With --cuts, FILE
+    is a campaign's folder or one of its records.
     """
     if cuts and dialect:
-        raise UsageError(
-            "--dialect", "was given with --cuts", "write it under [records] of the manifest"
-        )
+        remedy = "write it under [records] of the manifest"
+        raise UsageError("--dialect", "was given with --cuts", remedy)
     if cuts:
         from nearlift.onboarding import cuts as cutting
 
@@ -186,29 +153,20 @@ def dialect_of(text: str) -> dict[str, object]:
     from nearlift.campaign import parsing
     from nearlift.errors import ManifestError
 
-    plain = text.strip()
-    table = plain if plain.startswith("{") else f"{{ {plain} }}"
+    table = text if text.strip().startswith("{") else f"{{ {text} }}"
     try:
         dialect: dict[str, object] = parsing.loads(f"dialect = {table}".encode(), "it")["dialect"]
     except ManifestError as fault:
-        raise UsageError(
-            "--dialect",
-            f"{brief(repr(text))} is not as a manifest has it: {fault.what}",
-            """such as --dialect 'separator = "semicolon", decimal = ","'""",
-        ) from None
+        what = f"{brief(repr(text))} is not as a manifest has it: {fault.what}"
+        remedy = """such as --dialect 'separator = "semicolon", decimal = ","'"""
+        raise UsageError("--dialect", what, remedy) from None
     return dialect
 
 
-@command(BEGIN, "design raw/my-rig --write raw/my-rig/planned.csv", OPENS)
+@main.command(heading=BEGIN, example="design raw/my-rig --write raw/my-rig/planned.csv")
 @campaign_argument
-@click.option(
-    "--noise-from",
-    metavar="NAME",
-    help="An earlier campaign under processed/ whose noise floor is expected.",
-)
-@click.option(
-    "--write", type=PATH, metavar="PATH", help="Where the random schedule goes; never over a file."
-)
+@click.option("--noise-from", metavar="NAME", help="Earlier campaign with the expected noise.")
+@click.option("--write", type=PATH, help="Where the random schedule goes; never over a file.")
 def design(call: Call, campaign: Path, noise_from: str | None, write: Path | None) -> None:
     """Plan a campaign: what it can detect, and a schedule.
 
@@ -230,10 +188,7 @@ def data() -> None:
     """List and fetch public measured campaigns."""
 
 
-data.heading = BEGIN  # type: ignore[attr-defined]
-
-
-@terminal.command(data, BEGIN, "data list", name="list")
+@data.command("list", example="data list")
 @registry_option
 def list_data(call: Call, registry: Path | None) -> None:
     """List the data sets: quantities, licence, size."""
@@ -243,7 +198,7 @@ def list_data(call: Call, registry: Path | None) -> None:
     call.answer([item.model_dump() for item in listed], "\n".join(map(str, listed)))
 
 
-@terminal.command(data, BEGIN, "data get pitt-ras-2017", name="get")
+@data.command("get", example="data get pitt-ras-2017")
 @click.argument("name")
 @click.argument("folder", type=PATH, required=False, metavar="[DIR]")
 @registry_option
@@ -268,46 +223,18 @@ def get_data(call: Call, name: str, folder: Path | None, registry: Path | None) 
 # ---- run
 
 
-@command(
-    RUN,
-    "run raw/my-rig\nrun raw/a raw/b --executor processes:2\nrun --dry-run raw/my-rig"
-    "\nrun --check raw/my-rig",
-    COMPUTES,
+@main.command(
+    heading=RUN,
+    example="run raw/my-rig\nrun raw/a raw/b --executor processes:2\nrun --dry-run raw/my-rig",
 )
 @click.argument("campaigns", type=PATH, nargs=-1, required=True, metavar="CAMPAIGN...")
-@click.option(
-    "--only",
-    type=click.Choice(ORDER),
-    metavar="STAGE",
-    help=f"Run this stage alone, even if it is up to date: {', '.join(ORDER)}.",
-)
-@flag("--dry-run", "Run nothing; say which stages are stale, and why.")
-@flag(
-    "--check",
-    "Run nothing; hash inputs and products, list those that differ from provenance.json, and end"
-    " with 4 if any does.",
-)
-@flag("--watch", "Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.")
-@click.option(
-    "--every",
-    type=click.FloatRange(min=0.1),
-    default=5.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="How often --watch looks.",
-)
-@click.option(
-    "--next",
-    "question",
-    metavar="QUESTION",
-    help="With --watch: say after each look what to visit next, as `nearlift next --for` does.",
-)
-@click.option(
-    "--until",
-    type=POSITIVE,
-    metavar="U",
-    help="With --next: the coefficient's standard uncertainty at which to stop.",
-)
+@click.option("--only", type=click.Choice(ORDER), help="Run this stage alone, stale or not.")
+@flag("--dry-run", help="Run nothing; say which stages are stale, and why.")
+@flag("--check", help="Run nothing; list files that differ from provenance.json, exit 4 if any.")
+@flag("--watch", help="Run again whenever CAMPAIGN's folder has changed, until Ctrl-C.")
+@click.option("--every", type=POSITIVE, default=5.0, metavar="S", help="--watch looks every S s.")
+@click.option("--next", "question", help="With --watch: the next visits, as `nearlift next --for`.")
+@click.option("--until", type=POSITIVE, metavar="U", help="With --next: stop when u is below U.")
 def run(
     call: Call,
     campaigns: tuple[Path, ...],
@@ -321,11 +248,8 @@ def run(
 
     Of several campaigns, one after the other, or side by side with processes:N.
     """
-    # click gives them in the order in which they were written
     chosen = ["--only"] if only else []
-    chosen += [
-        f"--{name.replace('_', '-')}" for name in ("dry_run", "check", "watch") if modes[name]
-    ]
+    chosen += [f"--{name.replace('_', '-')}" for name, given in modes.items() if given]
     if len(chosen) > 1:
         raise UsageError(chosen[0], f"was given with {chosen[1]}", "choose one of them")
     instead = "`nearlift next` plans the visits of a finished campaign"
@@ -333,20 +257,13 @@ def run(
         raise UsageError("--next", "needs --watch", instead)
     if until is not None and not question:
         raise UsageError("--until", "needs --next", instead)
-    if modes["watch"] and len(campaigns) > 1:
-        raise UsageError(
-            "--watch",
-            f"was given {len(campaigns)} campaigns",
-            "watch one; run the others in terminals of their own",
-        )
     if modes["dry_run"]:
         call.answers("campaigns", [_planned(call, campaign) for campaign in campaigns])
     elif modes["check"]:
         _check(call, campaigns)
     elif modes["watch"]:
-        _follow(
-            call, campaigns[0], every, VisitQuestion.parsed(question, until) if question else None
-        )
+        asked = VisitQuestion.parsed(question, until) if question else None
+        _follow(call, campaigns, every, asked)
     elif len(campaigns) == 1:
         terminal.execute(call, campaigns[0], only)
     else:
@@ -380,60 +297,41 @@ def _check(call: Call, campaigns: tuple[Path, ...]) -> None:
         sys.exit(ProductError.exit_code)
 
 
-def _follow(call: Call, campaign: Path, period_s: float, asked: VisitQuestion | None) -> None:
+def _follow(
+    call: Call, campaigns: tuple[Path, ...], period_s: float, asked: VisitQuestion | None
+) -> None:
     """Run a campaign that is being recorded until interrupted; with --json, one object a round."""
     from nearlift.run.watch import watch
     from nearlift.stages import looks
 
-    call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
+    if len(campaigns) > 1:
+        remedy = "watch one; run the others in terminals of their own"
+        raise UsageError("--watch", f"was given {len(campaigns)} campaigns", remedy)
+    call.line(f"watching {campaigns[0]} every {period_s:g} s; Ctrl-C ends it")
     look = functools.partial(looks.look, asked)
-    for latest in watch(
-        campaign, call.out, STAGES, call.executor, call.seed, look, period_s, call.progress
-    ):
+    given = (campaigns[0], call.out, STAGES, call.executor, call.seed, look, period_s)
+    for latest in watch(*given, call.progress):
         for line in (latest.words, *latest.next):
             call.line(line)
         if call.as_json:
             say(json.dumps(asdict(latest)))
 
 
-@command(
-    RUN,
-    "next raw/my-rig --for K_b --until 0.05\nnext raw/my-rig --for separate --csv"
-    "\nnext raw/my-rig --for drift",
-    OPENS,
-    name="next",
-)
+@main.command("next", heading=RUN, example="next raw/my-rig --for K_b --until 0.05")
 @campaign_argument
 @click.option(
     "--for",
     "question",
     required=True,
-    metavar="QUESTION",
     help="A coefficient, such as K_b; separate=A,B for two effects, separate alone for those that"
     " the diagnosis could not distinguish; drift for the supply against time.",
 )
+@click.option("--until", type=POSITIVE, metavar="U", help="Count the trials that bring u to U.")
+@click.option("--count", type=click.IntRange(1, 1000), default=10, help="Visits at each boundary.")
 @click.option(
-    "--until",
-    type=POSITIVE,
-    metavar="U",
-    help="Say how many more trials bring the coefficient's standard uncertainty to U.",
+    "--rounds", type=click.FloatRange(0, 1), default=ROUNDS, help="Share of all stations."
 )
-@click.option(
-    "--count",
-    type=click.IntRange(1, 1000),
-    default=10,
-    show_default=True,
-    help="Visits at each boundary.",
-)
-@click.option(
-    "--rounds",
-    type=SHARE,
-    default=ROUNDS,
-    show_default=True,
-    metavar="SHARE",
-    help="Of the visits, how many go round all stations, whatever the question.",
-)
-@flag("--csv", "Rows for the campaign's schedule instead.")
+@flag("--csv", help="Rows for the campaign's schedule instead.")
 def next_visits(
     call: Call,
     campaign: Path,
@@ -466,15 +364,9 @@ def next_visits(
     )
 
 
-@command(RUN, "serve\nserve ~/lift --port 8765")
+@main.command(heading=RUN, example="serve\nserve ~/lift --port 8765")
 @click.argument("folder", type=PATH, default=Path(), metavar="[WORKSPACE]")
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=0,
-    metavar="PORT",
-    help="Port of 127.0.0.1; without it, any free one.",
-)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port; 0: any free one.")
 def serve(call: Call, folder: Path, port: int) -> None:
     """Show campaigns and reports in a browser, live.
 
@@ -537,8 +429,8 @@ def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> N
 QUESTIONS = {"diagnose": _explain, "detect": _read_distance}
 
 
-def add_stage(group: click.Group, stage: Stage) -> None:
-    """Add the command that runs this stage, stale or not, or answers its question."""
+def stage_command(stage: Stage) -> Command:
+    """Command that runs this stage, stale or not, or answers its question."""
 
     def run_stage(call: Call, campaign: Path, **given: object) -> None:
         asked = {name: value for name, value in given.items() if value is not None}
@@ -547,28 +439,27 @@ def add_stage(group: click.Group, stage: Stage) -> None:
         else:
             terminal.execute(call, campaign, stage.name)
 
-    summary = stage.summary[0].upper() + stage.summary[1:]
     written = ", ".join(product.file for product in stage.writes)
-    text = (
-        f"Writes {written}." if written else "",
-        stage.help,
-        "Runs even if it is up to date; earlier stages must have run.",
-    )
-    run_stage.__doc__ = f"{summary}.\n\n{' '.join(filter(None, text))}"
+    text = (f"Writes {written}." if written else "", stage.help, "Earlier stages must have run.")
     example = f"{stage.name} raw/my-rig"
-    example += f"\n{example} {stage.example}" if stage.example else ""
-    made = terminal.command(group, SINGLE, example, COMPUTES, stage.name, stage.question)
-    made(campaign_argument(run_stage))
+    return Command(
+        stage.name,
+        callback=run_stage,
+        params=[click.Argument(["campaign"], type=PATH), *stage.question],
+        help=f"{stage.summary[0].upper()}{stage.summary[1:]}.\n\n{' '.join(filter(None, text))}",
+        heading=SINGLE,
+        example=example + (f"\n{example} {stage.example}" if stage.example else ""),
+    )
 
 
 for _stage in STAGES:
-    add_stage(main, _stage)
+    main.add_command(stage_command(_stage))
 
 
 # ---- afterwards
 
 
-@command(AFTERWARDS, "explain raw/my-rig supply_sag", OPENS)
+@main.command(heading=AFTERWARDS, example="explain raw/my-rig supply_sag")
 @campaign_argument
 @click.argument("effect")
 def explain(call: Call, campaign: Path, effect: str) -> None:
@@ -580,14 +471,9 @@ def explain(call: Call, campaign: Path, effect: str) -> None:
     _explain(call, campaign, {"explain": effect})
 
 
-@command(AFTERWARDS, "compare rig-a rig-b", ("out",))
+@main.command(heading=AFTERWARDS, example="compare rig-a rig-b")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
-@click.option(
-    "--shared",
-    multiple=True,
-    metavar="COMPONENT",
-    help="An [[uncertainty]] that is one and the same error in all campaigns.",
-)
+@click.option("--shared", multiple=True, help="An [[uncertainty]] that all campaigns share.")
 def compare(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None:
     """Compare one coefficient over several campaigns.
 
@@ -602,16 +488,12 @@ def compare(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None
     call.answer(as_json(compared), "\n".join([*comparison.table(compared), str(plot)]))
 
 
-@command(
-    AFTERWARDS,
-    "export raw/my-rig --c --netcdf",
-    ("out", "verbose"),
-    more=[
-        click.Option([f"--{name}"], is_flag=True, help=f"{meaning}.")
-        for name, meaning in EXPORTS.items()
-    ],
-)
+@main.command(heading=AFTERWARDS, example="export raw/my-rig --c --netcdf")
 @campaign_argument
+@flag("--netcdf", help="posterior.nc: draws of every model, for ArviZ and xarray.")
+@flag("--c", help="export/lift_model.h: a C99 header for firmware, metres in.")
+@flag("--document", help="export/lift_model.json, and its JSON Schema.")
+@flag("--python", help="export/lift_model.py: a module that needs only Python.")
 def export(call: Call, campaign: Path, **formats: bool) -> None:
     """Write the fitted model for other programs: C, Python, JSON.
 
@@ -621,9 +503,8 @@ def export(call: Call, campaign: Path, **formats: bool) -> None:
 
     chosen = tuple(name for name, asked in formats.items() if asked)
     if not chosen:
-        raise UsageError(
-            "export", "no format was asked for", f"add {', '.join(f'--{name}' for name in formats)}"
-        )
+        remedy = f"add {', '.join(f'--{name}' for name in formats)}"
+        raise UsageError("export", "no format was asked for", remedy)
     with call.job(campaign) as job:
         written = export(job, chosen)
     call.answer({"campaign": job.campaign.name, "written": written}, "\n".join(written))
@@ -632,7 +513,7 @@ def export(call: Call, campaign: Path, **formats: bool) -> None:
 # ---- look up
 
 
-@command(LOOK_UP, "describe\ndescribe sanchez_cuevas")
+@main.command(heading=LOOK_UP, example="describe\ndescribe sanchez_cuevas")
 @click.argument("name", required=False)
 def describe(call: Call, name: str | None) -> None:
     """Look up a model, effect, product or symbol."""

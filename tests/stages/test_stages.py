@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from tests.unit import small_run
 
 from nearlift import schedule
-from nearlift.cli import QUESTIONS, add_stage, main
+from nearlift.cli import QUESTIONS, main, stage_command
 from nearlift.describe import stages_page
 from nearlift.report.figures import budget
 from nearlift.report.registry import declared
@@ -26,7 +26,6 @@ from nearlift.stages import STAGES, diagnose
 from nearlift.stages.diagnose import DIAGNOSIS, QUOTED_POSTERIOR
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.ingest import TRIALS
-from nearlift.terminal import Commands
 
 HEIGHTS = Product(
     file="heights.parquet",
@@ -47,12 +46,10 @@ WEIGH = Stage(
 
 def test_a_declared_stage_has_a_command_with_its_options(monkeypatch):
     monkeypatch.setitem(QUESTIONS, "weigh", lambda call, campaign, given: print(campaign, given))
-    group = Commands()
-    add_stage(group, WEIGH)
-    command = group.commands["weigh"]
+    command = stage_command(WEIGH)
     text = CliRunner().invoke(command, ["--help"]).output
     assert "Trials to heights." in text
-    assert "Writes heights.parquet. Runs even if it is up to date" in text
+    assert "Writes heights.parquet. Earlier stages must have run." in text
     assert "--ask TEXT" in text
     assert CliRunner().invoke(command, ["x", "--ask", "why"]).output == "x {'ask': 'why'}\n"
 

@@ -39,12 +39,12 @@ def test_a_terminal_shows_what_how_far_and_how_long(monkeypatch):
     with call.busy("nearlift: demo"):
         assert call.bar is not None
         now = [100.0]
-        call.bar.progress.get_time = lambda: now[0]
+        call.bar.get_time = lambda: now[0]
         call.progress("ingest 0 of 40 trials", 0.0)
         for done in (10, 20):
             now[0] += 5.0
             call.progress(f"ingest {done} of 40 [trials]", done / 40)
-        call.bar.progress.refresh()
+        call.bar.refresh()
         call.line("a line that stays")
     shown = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", screen.getvalue())
     assert "ingest 20 of 40 [trials]" in shown
@@ -61,10 +61,10 @@ def test_another_activity_begins_anew_and_an_unknown_share_is_not_made_up(monkey
         assert call.bar is not None
         call.progress("fit ground: a", 0.5)
         call.progress("fit ground: b")
-        (task,) = call.bar.progress.tasks
+        (task,) = call.bar.tasks
         assert (task.description, task.percentage) == ("fit ground: b", 50.0)
         call.progress("report ground: 2 trials put back")
-        (task,) = call.bar.progress.tasks
+        (task,) = call.bar.tasks
         assert task.total is None
         assert task.elapsed < 5
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 
 from nearlift.errors import NearliftError
@@ -24,6 +25,26 @@ def verdicts(job: Job) -> str:
     diagnosed = tables.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
     quoted = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={})).boundaries
     return ", ".join(f"{b} {claim(quoted[b], diagnosed.get(b))}" for b in quoted)
+
+
+def snapshot(job: Job) -> dict[str, str]:
+    """What products on disk say in words, to be compared with a later run's: accepted trials, and
+    by boundary the first coefficient and the verdict.
+    """
+    words = {}
+    # a table that is missing or damaged is about to be written again
+    with contextlib.suppress(NearliftError):
+        quality = job.read(TRIALS)["quality"]
+        good = len(quality) - int(rejected(quality).sum())
+        words["trials"] = f"{good} of {len(quality)} accepted"
+    diagnosed = tables.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
+    quoted = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={})).boundaries
+    for boundary, result in quoted.items():
+        verdict = claim(result, diagnosed.get(boundary))
+        name = result.headline
+        number = [coefficient_text(result.coefficients[name], name)] if name else []
+        words[boundary] = ", ".join([*number, verdict])
+    return words
 
 
 def look(asked: VisitQuestion | None, job: Job, fresh: bool) -> Round:
