@@ -129,7 +129,7 @@ class Study:
             rows = spec.table(gather(job))
         if rows.empty:
             what = "cannot be drawn: this campaign does not have what it shows"
-            raise UsageError(name, what, "`nearlift run --dry-run` lists its stages")
+            raise UsageError(name, what, "`nearlift run --dry-run CAMPAIGN` lists its stages")
         return drawn(spec.draw, rows, style_of(self.manifest))
 
     def read(self, product: str) -> pd.DataFrame:

@@ -14,8 +14,7 @@ import pytest
 import nearlift
 from nearlift import catalogue
 from nearlift.reduction import quality as quality_codes
-from nearlift.report import phrases, sources, tables, words
-from nearlift.report.evidence import Reported
+from nearlift.report import phrases, sources, words
 from nearlift.results.diagnosis import ExplanationProbability
 from nearlift.results.quotation import IdentifiedSize
 
@@ -227,42 +226,3 @@ def test_nameless_structure_and_nothing_are_listed_by_their_probability():
     assert phrases.explanation(quoted, diagnosis) == (
         "one of: supply sag 40 %, unexplained structure along session 35 %, no effect 25 %"
     )
-
-
-def coefficients_csv(**changes: object) -> bytes:
-    row = {
-        "boundary": "ground",
-        "base_model": "sanchez_cuevas",
-        "trials": 112,
-        "verdict": "adequate",
-        "effects": "",
-        "parameter": "K_b",
-        "unit": "1",
-        "value": 2.01,
-        "u": 0.05,
-    } | changes
-    return tables.csv({name: [value] for name, value in row.items()})
-
-
-@pytest.mark.parametrize(
-    ("changes", "text"),
-    [
-        ({}, ""),
-        (
-            {"trials": 152, "value": 2.04, "verdict": "effect", "effects": "supply_sag"},
-            (
-                "Change since the last report: 40 trials more; K_b from 2.01 ± 0.05 to 2.04 ± 0.05;"
-                " verdict from adequate to supply sag."
-            ),
-        ),
-    ],
-)
-def test_what_changed_since_the_last_report_is_one_line(changes, text):
-    before = tables.reported(coefficients_csv())["ground"]
-    now = tables.reported(coefficients_csv(**changes))["ground"]
-    assert words.change_text(before, now) == text
-
-
-def test_a_report_of_another_version_tells_no_change():
-    assert tables.reported(b"boundary,value\nground,2\n") == {}
-    assert isinstance(tables.reported(coefficients_csv())["ground"], Reported)

@@ -38,17 +38,6 @@ Rows = Mapping[str, NDArray[Any]]
 Part = dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reported:
-    """Headline of a boundary in one report: fitted trials, value, and verdict with effects."""
-
-    trials: int
-    parameter: str
-    value: float
-    u: float
-    claim: str
-
-
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """The products that exist, and what is needed to read them.
@@ -71,8 +60,6 @@ class Evidence:
     versions : mapping of str to str
         Of Python and the packages that can change a number.
     seed : int
-    reported : mapping of str to Reported
-        Headline of the last report by boundary; empty where this is the first.
     curves : dict of (Boundary, bytes) to Curve
         Base curves that were drawn, by boundary and the bytes of their distances.
     """
@@ -86,7 +73,6 @@ class Evidence:
     inputs: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
-    reported: Mapping[str, Reported] = field(default_factory=dict)
     curves: dict[tuple[Boundary, bytes], Curve] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

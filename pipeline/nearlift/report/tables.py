@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from csv import DictReader
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +21,7 @@ from nearlift.catalogue import titled
 from nearlift.declare import Boundary
 from nearlift.nomenclature import VERDICTS, letter, mathematics
 from nearlift.report import blocks
-from nearlift.report.evidence import Evidence, Reported, Rows
+from nearlift.report.evidence import Evidence, Rows
 from nearlift.report.number import Number, Place, quotation
 from nearlift.report.phrases import SCALES, is_even
 from nearlift.results.quotation import BudgetLine
@@ -189,23 +188,6 @@ COEFFICIENT = (
     *("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95"),
     *("at_bound", "holds"),
 )
-
-
-def reported(content: bytes) -> dict[str, Reported]:
-    """Headline of each boundary by coefficients.csv; empty where it has other columns."""
-    rows = list(DictReader(content.decode().splitlines()))
-    if not rows or not {*DESCRIBED, "value", "u"} <= rows[0].keys():
-        return {}
-    return {
-        row["boundary"]: Reported(
-            trials=int(row["trials"]),
-            parameter=row["parameter"],
-            value=float(row["value"]),
-            u=float(row["u"] or "inf"),
-            claim=titled(row["effects"].replace(" + ", " and ")) or VERDICTS[row["verdict"]],
-        )
-        for row in reversed(rows)
-    }
 
 
 def fall(line: BudgetLine, u: float) -> float:

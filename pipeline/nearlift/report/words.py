@@ -22,7 +22,7 @@ from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
 from nearlift.reduction.quality import CODES, rejected
 from nearlift.report import relative_lift
-from nearlift.report.evidence import Evidence, Reported, pick
+from nearlift.report.evidence import Evidence, pick
 from nearlift.report.figures import downwash
 from nearlift.report.phrases import (
     along,
@@ -41,13 +41,12 @@ from nearlift.report.phrases import (
     titles,
 )
 from nearlift.report.sources import PlausibleError, leads, missing_for, undeclared, undetected
-from nearlift.report.tables import coefficients, csv, reported
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.fit import Suspect
 from nearlift.results.levels import LevelFit
 from nearlift.results.outlook import NextExperiment, NextSession, Sensitivity
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
-from nearlift.rounding import decimals, fixed, like, plain, plus_minus, signed
+from nearlift.rounding import decimals, fixed, like, plain, signed
 from nearlift.schedule import BY_NAME
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
@@ -262,17 +261,6 @@ class Brief:
             f"PIV at ẑ = {plain(float(row['z_hat']), 3)}: {measured} % less downwash{wake}"
             f" (90 %: {low} to {high}){model}."
         )
-
-    @property
-    def change(self) -> str:
-        """Change of trials, headline and verdict since the last report."""
-        before = self.evidence.reported.get(self.boundary)
-        now = reported(csv(coefficients(self.evidence).frame)).get(self.boundary)
-        if not self.evidence.reported or now is None:
-            return ""
-        if before is None:
-            return "Change since the last report: this boundary is new."
-        return change_text(before, now)
 
     @property
     def findings(self) -> list[str]:
@@ -588,23 +576,6 @@ def removed(evidence: Evidence) -> str:
         were = "were" if n != 1 else "was"
         said += f"; {counted(n, 'impossible reading')} in {trials} {were} left out"
     return said
-
-
-def change_text(before: Reported, now: Reported) -> str:
-    """Change of trials, headline and verdict from one report to the next, in one line; empty where
-    there is none.
-    """
-    parts = []
-    if more := now.trials - before.trials:
-        parts.append(f"{abs(more)} trials {'more' if more > 0 else 'fewer'}")
-    texts = [plus_minus(r.value, r.u) for r in (before, now)]
-    if now.parameter != before.parameter:
-        parts.append(f"coefficient {letter(now.parameter)} instead of {letter(before.parameter)}")
-    elif texts[0] != texts[1]:
-        parts.append(f"{letter(now.parameter)} from {texts[0]} to {texts[1]}")
-    if now.claim != before.claim:
-        parts.append(f"verdict from {before.claim} to {now.claim}")
-    return f"Change since the last report: {'; '.join(parts)}." if parts else ""
 
 
 def power(could: Sensitivity) -> str:

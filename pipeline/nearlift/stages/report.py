@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,12 +25,11 @@ def run(job: Job) -> Outcome:
     from nearlift.report.figures.style import style_of
     from nearlift.report.page.render import Picture, page
     from nearlift.report.registry import FIGURES, charts
-    from nearlift.report.tables import csv, reported
+    from nearlift.report.tables import csv
     from nearlift.stages.gathering import gather
 
     look = style_of(job.campaign)
-    last = job.reports / "tables/coefficients.csv"
-    evidence = replace(gather(job), reported=reported(last.read_bytes()) if last.is_file() else {})
+    evidence = gather(job)
     pictures, missing = [], []
     for i, spec in enumerate(FIGURES):
         job.say(f"report {spec.name}", i / len(FIGURES))

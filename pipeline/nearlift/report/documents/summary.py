@@ -42,7 +42,6 @@ def summary(evidence: Evidence) -> bytes:
             f"Doubt: {doubts[0]}" if doubts else "",
             brief.influence,
             f"Next: {brief.next}" if brief.next else "",
-            brief.change,
         ):
             lines += _wrapped(f"    {text}", " " * 6) if text else []
     return ("\n".join(lines) + "\n").replace("±", "+/-").encode()
