@@ -173,8 +173,8 @@ class Command(click.Command):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the command's own options, then those of every command."""
         options = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
-        own = [option for option in options if option not in COMMON]
-        for title, each in (("Options", own), ("Options of every command", COMMON)):
+        specific = [option for option in options if option not in COMMON]
+        for title, each in (("Options", specific), ("Options of every command", COMMON)):
             with formatter.section(title):
                 formatter.write_dl([row for p in each if (row := p.get_help_record(ctx))])
 
