@@ -6,15 +6,14 @@ import copy
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.unit import quoted
 
 from nearlift.reduction.quality import rejected
-from nearlift.report import registry
 from nearlift.report.evidence import pick
-from nearlift.report.figures import binning, style
 from nearlift.report.figures import diagnosis as loop
-from nearlift.stages import report
+from nearlift.report.figures import style
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
@@ -130,34 +129,24 @@ def diagnosed(job, found):
     """Give a job hand-made findings and residuals: along supply at the ground, none at the ceiling,
     a wave in run order at the wall.
     """
-    trials = job.read(TRIALS)
-    rng = np.random.default_rng(1)
+    trials, rng = pd.DataFrame(job.read(TRIALS)), np.random.default_rng(1)
     parts = []
     for boundary in found:
-        mine = (trials["boundary"] == boundary) & ~rejected(trials["quality"])
-        n = int(mine.sum())
+        mine = trials[(trials["boundary"] == boundary) & ~rejected(trials["quality"])]
+        n = len(mine)
         noise = 0.004 * rng.standard_normal(n)
         shape = {
-            "ground": SLOPE * (trials["supply_V"][mine] - 3.84),
+            "ground": SLOPE * (mine["supply_V"].to_numpy() - 3.84),
             "sidewall": 0.01 * np.cos(2 * np.pi * 9 * np.arange(n) / n),
         }
         before = noise + shape.get(boundary, 0.0)
         after = noise if found[boundary]["verdict"] == "effect" else before
-        parts.append(
-            (
-                np.full(n, boundary, dtype=object),
-                trials["trial"][mine],
-                before,
-                after,
-                before,
-                after,
-            )
-        )
-    names = [c.name for c in LOOP_RESIDUALS.columns]
-    job.write(
-        LOOP_RESIDUALS,
-        {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)},
-    )
+        values = (boundary, mine["trial"], before, after, before, after)
+        names = (c.name for c in LOOP_RESIDUALS.columns)
+        parts.append(pd.DataFrame(dict(zip(names, values, strict=True))))
+    whole = pd.concat(parts, ignore_index=True)
+    texts = {n: whole[n].to_numpy(dtype=object) for n in ("boundary", "trial")}
+    job.write(LOOP_RESIDUALS, {str(n): x.to_numpy() for n, x in whole.items()} | texts)
     job.write_json(DIAGNOSIS, quoted.diagnosis(found))
     quoted.write(job, found)
     return job
@@ -192,26 +181,21 @@ def edited(make_job, change, boundaries=("ground",)):
 
 
 def drawn(table):
-    look = style.Style()
     with style.context():
-        figure = loop.draw(table, look)
+        figure = loop.draw(table, style.Style())
         figure.draw_without_rendering()
         return figure
 
 
 def panels(figure):
     """Axes by letter."""
-    found = {}
-    for ax in figure.axes:
-        title = ax.get_title(loc="left")
-        if title:
-            found[title[0]] = ax
-    return found
+    titled = {ax.get_title(loc="left")[:1]: ax for ax in figure.axes}
+    return {letter: ax for letter, ax in titled.items() if letter}
 
 
-def test_every_panel_has_a_letter_of_its_own_in_reading_order(table):
-    letters = [x for x in table["letter"].unique() if x]
-    assert letters == list("abcdefghijkl")
+def test_panels_have_a_letter_each_in_reading_order(table):
+    """An adequate boundary has one residual and no candidates."""
+    assert [x for x in table["letter"].unique() if x] == list("abcdefghijkl")
     titles = [ax.get_title(loc="left") for ax in panels(drawn(table)).values()]
     assert titles == [
         "a) residual before",
@@ -229,31 +213,26 @@ def test_every_panel_has_a_letter_of_its_own_in_reading_order(table):
     ]
 
 
-def test_before_shows_the_slope_and_after_does_not(table):
+def test_before_shows_the_slope_and_after_does_not_on_the_same_bins_and_axes(table):
+    of = {w: pick(table, panel="ground", kind="bin", when=w) for w in ("before", "after")}
     for when, slope in (("before", 100 * SLOPE), ("after", 0.0)):
-        bins = pick(table, panel="ground", kind="bin", when=when)
-        assert np.polyfit(bins["x"], bins["value"], 1)[0] == pytest.approx(slope, abs=2.0)
-        assert set(bins["covariate"]) == {"supply_V"}
+        assert np.polyfit(of[when]["x"], of[when]["value"], 1)[0] == pytest.approx(slope, abs=2.0)
+        assert set(of[when]["covariate"]) == {"supply_V"}
+    np.testing.assert_array_equal(of["before"]["x"], of["after"]["x"])
+    axes = panels(drawn(table))
+    assert axes["a"].get_ylim() == axes["b"].get_ylim()
 
 
-def test_bin_means_are_those_of_the_trials(table, job):
-    trials, residuals = job.read(TRIALS), job.read(LOOP_RESIDUALS)
-    volts = dict(zip(trials["trial"].tolist(), trials["supply_V"].tolist(), strict=True))
-    before = dict(zip(residuals["trial"].tolist(), residuals["before"].tolist(), strict=True))
+def test_dots_and_bin_means_are_those_of_the_trials(table, job):
+    trials, residuals = (pd.DataFrame(job.read(p)) for p in (TRIALS, LOOP_RESIDUALS))
     cloud = pick(table, panel="ground", when="before", kind="trial")
-    np.testing.assert_allclose(cloud["x"], [volts[t] for t in cloud["label"]])
-    np.testing.assert_allclose(cloud["value"], [100 * before[t] for t in cloud["label"]])
+    both = residuals.merge(trials[["trial", "supply_V"]], on="trial").set_index("trial")
+    np.testing.assert_allclose(cloud["x"], both["supply_V"][cloud["label"]])
+    np.testing.assert_allclose(cloud["value"], 100 * both["before"][cloud["label"]])
     bins = pick(table, panel="ground", when="before", kind="bin")
     assert bins["n_trials"].sum() == len(cloud)
     for column in ("value", "x"):
         assert np.sum(bins["n_trials"] * bins[column]) == pytest.approx(cloud[column].sum())
-
-
-def test_before_and_after_have_the_same_axes_and_bins(table):
-    axes = panels(drawn(table))
-    assert axes["a"].get_ylim() == axes["b"].get_ylim()
-    before, after = (pick(table, panel="ground", kind="bin", when=w) for w in ("before", "after"))
-    np.testing.assert_array_equal(before["x"], after["x"])
 
 
 def test_no_trial_is_lost_beyond_the_axis(table):
@@ -266,14 +245,6 @@ def test_no_trial_is_lost_beyond_the_axis(table):
     [ticks] = [line for line in ax.lines if line.get_marker() == "|" and len(line.get_xdata()) > 0]
     assert wild.loc[first, "x"] in ticks.get_xdata()
     assert np.all(np.abs(ticks.get_ydata()) < reach)
-
-
-def test_adequate_shows_one_residual_and_no_candidates(table):
-    own = pick(table, panel="ceiling")
-    assert set(pick(own, part="residual")["when"]) == {"before"}
-    assert not len(pick(own, part="candidate"))
-    assert set(pick(own, part="coefficient")["kind"]) == {"quoted", "doubt", "reference"}
-    assert len(pick(own, kind="rmse")) == 1
 
 
 def test_throttle_is_shown_along_distance_a_series_each(table):
@@ -308,12 +279,7 @@ def test_candidates_are_ranked_by_evidence_with_what_they_leave(table):
     names = ["supply sag", "warm-up", "session gain", "gain drift", "Reynolds number"]
     assert [t.get_text() for t in ax.get_yticklabels()] == names
     [outcomes] = ax.child_axes
-    assert [t.get_text() for t in outcomes.get_yticklabels()][:4] == [
-        "named",
-        "rival",
-        "accepted",
-        "leaves supply voltage",
-    ]
+    assert [t.get_text() for t in outcomes.get_yticklabels()] == list(own["note"])
 
 
 def test_a_pair_of_effects_is_a_rival_of_the_named_one(make_job):
@@ -326,16 +292,9 @@ def test_a_pair_of_effects_is_a_rival_of_the_named_one(make_job):
         own["probabilities"] = [{"effects": ["supply_sag", "tilt"], "probability": 0.21}]
 
     _, table = edited(make_job, pair)
-    own = pick(table, part="candidate")
-    assert own.set_index("label")["note"]["supply_sag + tilt"] == "rival, 21 %"
-    assert dict(zip(own["label"], own["kind"], strict=True)) == {
-        "supply_sag": "named",
-        "warm_up": "rival",
-        "supply_sag + tilt": "rival",
-        "session_gain": "worse",
-        "gain_drift": "rejected",
-        "reynolds": "rejected",
-    }
+    own = pick(table, part="candidate").set_index("label")
+    assert own["note"]["supply_sag + tilt"] == "rival, 21 %"
+    assert own["kind"]["supply_sag + tilt"] == "rival"
     headline = pick(table, part="verdict")["label"].iloc[0]
     assert headline == "supply_sag (or warm_up, supply_sag + tilt)"
 
@@ -357,7 +316,7 @@ def test_a_single_effect_is_shown_with_pairs(make_job):
 
 def test_errors_have_their_interval_and_the_floor(table):
     own = pick(table, panel="ground", part="error")
-    values = dict(zip(zip(own["kind"], own["when"], strict=True), own["value"], strict=True))
+    values = own.set_index(["kind", "when"])["value"].to_dict()
     assert values == {
         ("floor", ""): pytest.approx(0.4),
         ("rmse", "before"): pytest.approx(2.0),
@@ -369,7 +328,7 @@ def test_errors_have_their_interval_and_the_floor(table):
     assert ax.get_ylim()[0] == 0
 
 
-def test_coefficient_intervals_are_the_products(table):
+def test_coefficient_intervals_are_the_products_and_drawn_whole(table):
     own = pick(table, panel="ground", part="coefficient")
     own = own[own["kind"] != "reference"]
     after = FOUND["ground"]["coefficients"]["after"]["K_b"]
@@ -382,16 +341,13 @@ def test_coefficient_intervals_are_the_products(table):
     ]
     reference = pick(table, panel="ceiling", kind="reference")
     assert (reference["value"].tolist(), reference["note"].tolist()) == ([0.125], ["theory"])
-    labels = [ax.get_xlabel() for ax in drawn(table).axes]
-    assert {"$a$", r"$\lambda$"} <= set(labels)
-
-
-def test_the_widest_interval_is_drawn_whole(table):
     wide = table.copy()
     last = wide.index[(wide["panel"] == "ground") & (wide["kind"] == "doubt")][-1]
     wide.loc[last, ["lo90", "hi90"]] = -40.0, 60.0
-    low, high = panels(drawn(wide))["e"].get_xlim()
+    figure = drawn(wide)
+    low, high = panels(figure)["e"].get_xlim()
     assert low < -40 < 60 < high
+    assert {"$a$", r"$\lambda$"} <= {ax.get_xlabel() for ax in figure.axes}
 
 
 def test_after_two_effects_the_covariate_of_the_other_is_shown_too(make_job):
@@ -414,17 +370,14 @@ def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
         for key in ("error", "coefficients", "p_value"):
             del own[key]
 
+    def without_interval(found):
+        found["ground"]["error"]["after"] |= {"lo90": None, "hi90": None}
+
     _, table = edited(make_job, least)
     # what is quoted is known whatever the findings lack
     assert set(table["part"]) == {"verdict", "residual", "coefficient"}
     assert sorted(panels(drawn(table))) == ["a", "b", "c"]
-
-
-def test_intervals_that_could_not_be_computed_are_left_out(make_job):
-    def unknown(found):
-        found["ground"]["error"]["after"]["lo90"] = found["ground"]["error"]["after"]["hi90"] = None
-
-    _, table = edited(make_job, unknown)
+    _, table = edited(make_job, without_interval)
     assert pick(table, kind="rmse", when="after")["lo90"].isna().all()
     drawn(table)
 
@@ -432,12 +385,9 @@ def test_intervals_that_could_not_be_computed_are_left_out(make_job):
 @pytest.mark.parametrize(
     ("word", "column"),
     [
-        ("distance", "z_hat"),
         ("session", "session"),
         ("approach", "z_hat"),
-        ("order_in_visit", "order_in_visit"),
         ("previous_throttle", "previous_throttle_percent"),
-        ("previous_distance", "previous_z_hat"),
         ("previous_lift_N", "previous_lift_N"),
         # not recorded: drawn in run order
         ("tilt", "run_order"),
@@ -456,24 +406,15 @@ def test_every_word_of_the_findings_can_be_drawn(one_boundary, word, column):
     assert drawn(table).axes[0].get_xlabel()
 
 
-def test_bins_of_time_do_not_straddle_sessions():
-    session = np.repeat([0, 1, 2], [50, 30, 100])
-    label = binning.time_bins(np.random.default_rng(0).standard_normal(180), session)
-    assert all(len(set(session[label == k].tolist())) == 1 for k in set(label.tolist()))
-    assert sorted(set(label.tolist())) == list(range(label.max() + 1))
-
-
 def test_the_figure_keeps_its_width_and_page_and_axes_do_not_overlap(table):
-    look = style.Style()
     figure = drawn(table)
-    assert figure.get_figwidth() == pytest.approx(look.double_in)
+    assert figure.get_figwidth() == pytest.approx(style.Style().double_in)
     assert figure.get_figheight() <= style.PAGE_IN
     width, height = figure.get_size_inches() * figure.dpi
     for ax in figure.axes:
         box = ax.get_tightbbox()
-        assert box.x0 > -1
+        assert min(box.x0, box.y0) > -1
         assert box.x1 < width + 1
-        assert box.y0 > -1
         assert box.y1 < height + 1
     boxes = [ax.get_window_extent() for ax in figure.axes]
     for i, one in enumerate(boxes):
@@ -488,13 +429,3 @@ def test_the_caption_agrees_with_the_picture(evidence, table):
         "Ground: supply_sag (or warm_up); cross-validated error 2 % to 0.45 %, noise floor 0.4 %."
         " Assumptions: (1) supply_sag alone" in caption
     )
-
-
-def test_the_report_makes_it_and_shows_it_before_the_words(job, monkeypatch):
-    monkeypatch.setattr(registry, "FIGURES", (loop.FIGURE,))  # the others are made elsewhere
-    report.run(job)
-    for kind in ("pdf", "png", "csv"):
-        assert (job.reports / f"diagnosis.{kind}").stat().st_size > 1000
-    text = (job.reports / "index.html").read_text()
-    chapter = text[text.index('<section id="diagnosis"') :]
-    assert chapter.index("diagnosis.pdf") < chapter.index("<h4>")

@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 from matplotlib.mathtext import MathTextParser
 from tests.unit import quoted
@@ -214,6 +215,23 @@ def test_evidence_is_shown_where_it_was_computed(evidence):
     assert ground.loc["exponential", "log_evidence"].text == "–"
     assert r"\num{-2.5}" in tables.latex(table, "models")
     assert next(r for r in rows_of(table) if r["model"] == "power_law")["log_evidence"] == "7.5"
+
+
+def test_no_cell_of_a_csv_is_a_formula():
+    hostile = {
+        "label": np.array(["=1+1", "+x", "-x", "@x", "fine", None], dtype=object),
+        "x": np.array([-1.0, np.nan, np.inf, 0, 1, 1 / 3]),
+        "known": [True, False, True, True, True, True],
+    }
+    assert tables.csv(hostile).decode().splitlines() == [
+        "label,x,known",
+        "'=1+1,-1,yes",
+        "'+x,,no",
+        "'-x,,yes",
+        "'@x,0,yes",
+        "fine,1,yes",
+        ",0.333333333,yes",
+    ]
 
 
 def test_text_does_nothing_in_latex():

@@ -74,9 +74,16 @@ def csv(table: pd.DataFrame | Rows) -> bytes:
     """UTF-8 text with line feeds. Values without end are left empty, and no cell is a formula to a
     spreadsheet.
     """
-    whole: Any = table
-    frame = pd.DataFrame({name: [_cell(v) for v in whole[name]] for name in whole})
-    return frame.to_csv(index=False, lineterminator="\n").encode()
+    frame = pd.DataFrame(table).copy()
+    for name, column in frame.items():
+        if column.dtype.kind == "f":
+            frame[name] = column.where(np.isfinite(column))
+        elif isinstance(column.dtype, pd.StringDtype):
+            # a figure's table has few texts, each many times
+            frame[name] = column.map({text: _cell(text) for text in column.dropna().unique()})
+        else:
+            frame[name] = [_cell(value) for value in column]
+    return frame.to_csv(index=False, lineterminator="\n", float_format="%.9g").encode()
 
 
 def _cell(value: Any) -> str:
