@@ -129,8 +129,8 @@ class TextColumn:
     lines: Sequence[int]
     unit: str = ""
 
-    def at(self, i: int) -> str:
-        """Place of cell `i`."""
+    def place(self, i: int) -> str:
+        """File, line and column of cell `i`."""
         kind = f"line {self.lines[i]}, column" if self.lines else "constant"
         return f"{self.file}, {kind} {self.name!r}"
 
@@ -138,31 +138,34 @@ class TextColumn:
         self, i: int, what: str, remedy: str, kind: type[NearliftError] = ManifestError
     ) -> NearliftError:
         """A refusal that names the place of cell `i`."""
-        return kind(self.at(int(i)), what, remedy)
+        return kind(self.place(i), what, remedy)
 
-    def no_value(self, i: int) -> str:
-        """Fault of a blank cell."""
-        return f"{self.texts[i].strip()!r} is no value" if self.texts[i].strip() else "is empty"
+    def blank(self, i: int, remedy: str) -> NearliftError:
+        """The refusal of a cell without a value."""
+        cell = self.texts[i].strip()
+        return self.refusal(i, f"{cell!r} is no value" if cell else "is empty", remedy)
+
+    def stripped(self) -> NDArray[Any]:
+        """The cells as texts without surrounding spaces."""
+        return np.array([t.strip() for t in self.texts], dtype=object)
 
     def numbers(self, *, blank: bool = True) -> FloatArray:
         """The cells as numbers, NaN where blank; refuses other cells, and blanks unless `blank`."""
-        return np.array([self._number(i, blank) for i in range(len(self.texts))], dtype=float)
-
-    def _number(self, i: int, blank: bool) -> float:
-        cell = self.texts[i].strip()
-        if NUMBER.fullmatch(cell):
-            if math.isinf(value := float(cell)):
-                what = f"{brief(cell)} is beyond what a number can hold"
-                raise self.refusal(i, what, "correct it; the largest is 1.8e308")
-            return value
-        if cell.lower() not in BLANK:
-            comma = re.fullmatch(r"[-+]?\d+,\d+", cell)
-            blank_it = "write a number; leave the cell empty where it is not known"
-            remedy = "write decimals with a point" if comma else blank_it
-            raise self.refusal(i, f"{brief(repr(self.texts[i]))} is not a number", remedy)
-        if not blank:
-            raise self.refusal(i, self.no_value(i), "every trial needs this number")
-        return math.nan
+        values = np.full(len(self.texts), math.nan)
+        for i, cell in enumerate(self.stripped()):
+            if NUMBER.fullmatch(cell):
+                values[i] = float(cell)
+                if math.isinf(values[i]):
+                    what = f"{brief(cell)} is beyond what a number can hold"
+                    raise self.refusal(i, what, "correct it; the largest is 1.8e308")
+            elif cell.lower() not in BLANK:
+                remedy = "write a number; leave the cell empty where it is not known"
+                if re.fullmatch(r"[-+]?\d+,\d+", cell):
+                    remedy = "write decimals with a point"
+                raise self.refusal(i, f"{brief(repr(self.texts[i]))} is not a number", remedy)
+            elif not blank:
+                raise self.blank(i, "every trial needs this number")
+        return values
 
     def si(self, *, blank: bool = True) -> FloatArray:
         """The cells in SI, by the column's unit."""
@@ -176,10 +179,6 @@ class TextColumn:
             )
         factor, offset = units.to_si(unit, known.dimension, f"trials.units.{self.name}")
         return factor * self.numbers(blank=blank) + offset
-
-    def stripped(self) -> NDArray[Any]:
-        """The cells as texts without surrounding spaces."""
-        return np.array([t.strip() for t in self.texts], dtype=object)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,13 +233,23 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     return of_columns(campaign, root, columns, notes, bring)
 
 
+# ---- text to columns
+
+
 def read_columns(campaign: Campaign, root: Path) -> tuple[dict[str, TextColumn], list[str]]:
     """Every column of the schedule's file, constants included, and a note if its last line has no
     end: a cut can turn `300` into `30`.
     """
     path = schedule_file(campaign, root)
-    text = text_of(path)
-    columns = _with_constants(campaign, _table(campaign, path, text), path.name)
+    text = _text_of(path)
+    columns = _table(campaign, path, text)
+    rows = len(next(iter(columns.values())).texts)
+    for name, value in campaign.trials.constants.items():
+        if name in columns:
+            key = f"trials.constants.{name}"
+            raise ManifestError(key, f"is also a column of {path.name}", "keep one of them")
+        cell, unit = _constant(name, value, campaign.trials.units.get(name, ""))
+        columns[name] = TextColumn(name, [cell] * rows, "campaign.toml", (), unit)
     last = re.split(r"[\r\n]", text)[-1]
     note = (
         f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
@@ -249,7 +258,7 @@ def read_columns(campaign: Campaign, root: Path) -> tuple[dict[str, TextColumn],
     return columns, [note] if last.strip() else []
 
 
-def text_of(path: Path) -> str:
+def _text_of(path: Path) -> str:
     """The file, or its first sheet, as text; refuses one that is missing or not UTF-8."""
     if not path.is_file():
         remedy = "the schedule lists every trial; name it under [trials] file = ..."
@@ -268,24 +277,35 @@ def text_of(path: Path) -> str:
         raise InputRefused(str(path), what, "save it as UTF-8") from None
 
 
-# ---- text to columns
-
-
 def _table(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
-    """The columns of a CSV text, in the file's order."""
-    reader = csv.reader(io.StringIO(_without_remarks(text), newline=""), strict=True)
+    """The columns of a CSV text, in the file's order; remarks (`#`) above the header are left out,
+    but no header behind `#`, which its names refuse.
+    """
+    above = re.match(r"(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n|\r|\n))*", text)
+    remarks = above[0] if above else ""
+    named = [{cell.strip(' \t"#') for cell in line.split(",")} for line in remarks.splitlines()]
+    if not any({"trial"} < cells & BY_NAME.keys() for cells in named):
+        text = re.sub(r"#[^\r\n]*", "", remarks) + text[len(remarks) :]
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as fault:
         at = f"{path}, line {reader.line_num}"
         raise InputRefused(at, f"is not CSV: {fault}", "correct that line") from None
-    if not rows:
-        remedy = "the first line names the columns, then one line per trial"
-        raise InputRefused(str(path), "is empty", remedy)
-    header = _header(path, *rows.pop(0))
-    if not rows:
-        remedy = "one line per trial, in the order in which they were run"
-        raise InputRefused(str(path), "lists no trial", remedy)
+    if len(rows) < 2:
+        what = "lists no trial" if rows else "is empty"
+        remedy = "the first line names the columns, then one line per trial, in run order"
+        raise InputRefused(str(path), what, remedy)
+    (line, names), *rows = rows
+    header, at = [name.strip() for name in names], f"{path}, line {line}"
+    if len(header) == 1 and re.search(r"[;\t]", header[0]):
+        remedy = "save it with commas between cells and points in decimals"
+        raise InputRefused(str(path), "is not separated by commas", remedy)
+    if twice := sorted(n for n, k in Counter(header).items() if k > 1):
+        raise InputRefused(at, f"the column {twice[0]!r} is there twice", "rename or drop one")
+    if "" in header:
+        what = f"column {header.index('') + 1} has no name"
+        raise InputRefused(at, what, "name it, or take the extra comma away")
     for line, row in rows:
         if len(row) != len(header):
             what = f"has {len(row)} cells under {len(header)} column names"
@@ -298,62 +318,14 @@ def _table(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
     }
 
 
-def _without_remarks(text: str) -> str:
-    """The text with remarks (`#`) above the header made blank; a header behind `#` stays, to be
-    refused by its names.
-    """
-    above = re.match(r"(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n|\r|\n))*", text)
-    remarks = above[0] if above else ""
-    if any(
-        {"trial"} < {cell.strip(' \t"#') for cell in line.split(",")} & BY_NAME.keys()
-        for line in remarks.splitlines()
-    ):
-        return text
-    return re.sub(r"#[^\r\n]*", "", remarks) + text[len(remarks) :]
-
-
-def _header(path: Path, line: int, row: Sequence[str]) -> list[str]:
-    """The columns' names."""
-    header, at = [name.strip() for name in row], f"{path}, line {line}"
-    if len(header) == 1 and re.search(r"[;\t]", header[0]):
-        remedy = "save it with commas between cells and points in decimals"
-        raise InputRefused(str(path), "is not separated by commas", remedy)
-    if twice := sorted(n for n, k in Counter(header).items() if k > 1):
-        raise InputRefused(at, f"the column {twice[0]!r} is there twice", "rename or drop one")
-    if "" in header:
-        what = f"column {header.index('') + 1} has no name"
-        raise InputRefused(at, what, "name it, or take the extra comma away")
-    return header
-
-
-def _with_constants(
-    campaign: Campaign, columns: dict[str, TextColumn], file: str
-) -> dict[str, TextColumn]:
-    """The columns with those of [trials.constants], one value for all trials."""
-    rows = len(next(iter(columns.values())).texts)
-    for name, value in campaign.trials.constants.items():
-        key, unit = f"trials.constants.{name}", campaign.trials.units.get(name, "")
-        if name in columns:
-            raise ManifestError(key, f"is also a column of {file}", "keep one of them")
-        cells = [_constant(name, value, key, unit)] * rows
-        columns[name] = TextColumn(name, cells, "campaign.toml", (), unit)
-    return columns
-
-
-def _constant(name: str, value: object, key: str, unit: str) -> str:
-    """A constant as a cell; one with its own unit is converted to that of the column."""
+def _constant(name: str, value: object, unit: str) -> tuple[str, str]:
+    """A constant as a cell, and its unit: SI where it has one of its own."""
     text, known = str(value), BY_NAME.get(name)
     own_unit = isinstance(value, str) and not NUMBER.fullmatch(text.strip())
-    date = name == "start" and "T" in text
-    if known is None or known.kind != "quantity" or not own_unit or date:
-        return text
-    si = units.quantity(value, known.dimension, key)
-    if not unit:
-        what = "has a unit of its own, but the column has none"
-        remedy = f'add {name} = "{units.SI[known.dimension]}" under [trials.units]'
-        raise ManifestError(key, what, remedy)
-    factor, offset = units.to_si(unit, known.dimension, f"trials.units.{name}")
-    return repr((si - offset) / factor)
+    if known is None or not known.dimension or not own_unit or (name == "start" and "T" in text):
+        return text, unit
+    si = units.quantity(value, known.dimension, f"trials.constants.{name}")
+    return repr(si), units.SI[known.dimension]
 
 
 # ---- schedules of records
@@ -425,26 +397,19 @@ def of_columns(
     path, notes = root / campaign.trials.file, list(notes)
     _check_names(campaign, path, columns, missing)
     trial, boundary = _ids(columns["trial"]), _boundaries(columns["boundary"])
-    throttle = np.full(len(trial), np.nan)
-    if column := columns.get("throttle"):
-        throttle = column.si(blank="throttle" in missing)
-        _check_share(column, throttle)
     z_m = _distances(campaign, columns.get("distance"), boundary, "distance" in missing)
-    covariates: dict[str, NDArray[Any]] = {}
-    for name, column in columns.items():
-        if name in REQUIRED:
-            continue
-        if name in BY_NAME:
-            covariates[BY_NAME[name].inside] = _covariate(campaign, column)
-            continue
+    others = {n: c for n, c in columns.items() if n not in ("trial", "boundary", "distance")}
+    covariates = {
+        BY_NAME[name].inside if name in BY_NAME else name: _values(campaign, column, missing)
+        for name, column in others.items()
+    }
+    for name in [n for n in others if n not in BY_NAME]:
         if name in RESERVED:
             what = f"the column {name!r} has the name of a result"
             raise ManifestError(str(path), what, "rename it")
-        covariates[name] = _further(column)
         if hint := did_you_mean(name, [n for n in BY_NAME if n not in columns]):
             notes.append(f"{path.name}: column {name!r} is kept as it is; {hint}")
     means = {n: covariates.pop(n) for n in (BY_NAME[m].inside for m in MEANS) if n in covariates}
-    _check_means(campaign, path, columns, means)
     approach, session = covariates.get("approach"), covariates.get("session")
     if "start_s" in covariates:
         notes += _backwards(columns["start"], covariates["start_s"], session)
@@ -461,7 +426,7 @@ def of_columns(
         boundary=boundary,
         z_m=z_m,
         z_hat=z_m / campaign.vehicle.rotor_radius,
-        throttle=throttle,
+        throttle=covariates.pop("throttle", np.full(len(trial), np.nan)),
         visit=visits(boundary, z_m, approach, session, ordered=campaign.trials.order == "run"),
         covariates=covariates,
         means=means or None,
@@ -473,7 +438,9 @@ def of_columns(
 def _check_names(
     campaign: Campaign, path: Path, columns: Mapping[str, TextColumn], missing: Collection[str]
 ) -> None:
-    """Refuse a unit of an unknown column, and a schedule without a required column."""
+    """Refuse a unit of an unknown column, a schedule without a required column, mean lifts with
+    records, and ``reader = "means"`` without them.
+    """
     for name in campaign.trials.units:
         if name not in columns and name not in BY_NAME:
             hint = did_you_mean(name, [*columns, *BY_NAME]) or f"columns are {', '.join(columns)}"
@@ -485,20 +452,13 @@ def _check_names(
             add_it = f"add it, or set it for all under [trials.constants]: {name} = ..."
             remedy = hint.replace("did you mean", "is it") or add_it
             raise ManifestError(str(path), f"has no column {name!r}", remedy)
-
-
-def _check_means(
-    campaign: Campaign, path: Path, columns: Collection[str], means: Collection[str]
-) -> None:
-    """Refuse mean lifts with records, and ``reader = "means"`` without them."""
-    wanted, reader = campaign.records.reader == "means", campaign.records.reader
-    if wanted and "lift_N" not in means:
+    reader, means = campaign.records.reader, [name for name in MEANS if name in columns]
+    if reader == "means" and "lift" not in means:
         remedy = 'reader = "means" takes the mean lift of every trial from it; add lift, and its'
         remedy += " unit under [trials.units]"
         raise ManifestError(str(path), "has no column 'lift'", remedy)
-    if means and not wanted:
-        first = next(n for n in MEANS if n in columns)
-        what = f'the column {first!r} belongs to reader = "means"'
+    if means and reader != "means":
+        what = f'the column {means[0]!r} belongs to reader = "means"'
         raise ManifestError(str(path), what, f"rename it; here the lift is from {reader} records")
 
 
@@ -506,12 +466,12 @@ def _ids(column: TextColumn) -> NDArray[Any]:
     """The trials' ids; refuses a blank, an invisible character, and one id twice."""
     first: dict[str, int] = {}
     for i, name in enumerate(column.stripped().tolist()):
-        invisible = any(unicodedata.category(c) in INVISIBLE for c in name)
-        what = f"{name!a} holds a character that does not show" if name else "holds no trial id"
+        what = "" if name else "holds no trial id"
+        if any(unicodedata.category(c) in INVISIBLE for c in name):
+            what = f"{name!a} holds a character that does not show"
         if name in first:
-            place = column.at(first[name]).split(", column")[0]
-            what = f"trial {name!r} is already in {place}"
-        if not name or invisible or name in first:
+            what = f"trial {name!r} is already in {column.place(first[name]).split(', column')[0]}"
+        if what:
             raise column.refusal(i, what, "give every trial an id of its own")
         first[name] = i
     return np.array(list(first), dtype=object)
@@ -527,13 +487,22 @@ def _boundaries(column: TextColumn) -> NDArray[Any]:
     return names
 
 
-def _covariate(campaign: Campaign, column: TextColumn) -> NDArray[Any]:
-    """A known column in SI."""
-    name, kind = column.name, BY_NAME[column.name].kind
-    if kind == "text":
+def _values(campaign: Campaign, column: TextColumn, missing: Collection[str]) -> NDArray[Any]:
+    """A column in SI; an unknown one as numbers if all filled cells are numbers, else as texts."""
+    name, known = column.name, BY_NAME.get(column.name)
+    if known is None:
+        texts = column.stripped()
+        filled = [t for t in texts if t.lower() not in BLANK]
+        return column.numbers() if filled and all(map(NUMBER.fullmatch, filled)) else texts
+    if known.kind == "text":
         return column.stripped()
-    if kind == "plain":
-        return _plain(column)
+    if known.kind == "plain":
+        values = column.numbers()
+        possible, kind, remedy = PLAIN.get(name, (lambda _: True, "", ""))
+        for i in np.flatnonzero(np.isfinite(values)).tolist():
+            if not possible(float(values[i])):
+                raise column.refusal(i, f"{column.texts[i].strip()!r} is not a {kind}", remedy)
+        return values
     if name == "start" and not column.unit:
         return _seconds_since_first(column)
     if name == "tare_after" and column.unit == "count":
@@ -543,27 +512,16 @@ def _covariate(campaign: Campaign, column: TextColumn) -> NDArray[Any]:
             raise ManifestError("trials.units.tare_after", what, "give it in a unit of force")
         factor, zero = force.linear()
         return np.asarray(factor * (column.numbers() - zero))
-    values = column.si(blank=name != "lift")
-    _check_share(column, values)
-    return values
-
-
-def _plain(column: TextColumn) -> FloatArray:
-    """Plain numbers: approach (+1, -1, or 0 where the traverse did not move), n (whole, from 1)."""
-    values = column.numbers()
-    if column.name in PLAIN:
-        possible, kind, remedy = PLAIN[column.name]
-        for i in np.flatnonzero(np.isfinite(values)).tolist():
-            if not possible(float(values[i])):
-                raise column.refusal(i, f"{column.texts[i].strip()!r} is not a {kind}", remedy)
+    values = column.si(blank=name not in ("lift", "throttle") or name in missing)
+    if name in SHARES:
+        _check_share(column, values)
     return values
 
 
 def _seconds_since_first(column: TextColumn) -> FloatArray:
     """ISO 8601 times as seconds since the first one."""
     stamps: list[datetime.datetime | None] = []
-    for i, text in enumerate(column.texts):
-        cell = text.strip()
+    for i, cell in enumerate(column.stripped()):
         try:
             # fromisoformat takes bare digits for a date such as 20260101: those need a unit
             if NUMBER.fullmatch(cell):
@@ -571,7 +529,7 @@ def _seconds_since_first(column: TextColumn) -> FloatArray:
             blank = cell.lower() in BLANK
             stamps.append(None if blank else datetime.datetime.fromisoformat(cell))
         except ValueError:
-            what = f"{text!r} is not ISO 8601 time, and start has no unit"
+            what = f"{cell!r} is not ISO 8601 time, and start has no unit"
             remedy = 'add start = "s" under [trials.units], or write 2026-03-01T14:05:00'
             raise column.refusal(i, what, remedy) from None
     known = [s for s in stamps if s is not None]
@@ -581,18 +539,9 @@ def _seconds_since_first(column: TextColumn) -> FloatArray:
     return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
 
 
-def _further(column: TextColumn) -> NDArray[Any]:
-    """An unknown column: numbers if all filled cells are numbers, else texts."""
-    texts = column.stripped()
-    filled = [t for t in texts if t.lower() not in BLANK]
-    return column.numbers() if filled and all(map(NUMBER.fullmatch, filled)) else texts
-
-
 def _check_share(column: TextColumn, values: FloatArray) -> None:
     """Refuse one of `SHARES` outside 0 to 1, or never above 1 %, with the unit that would fit."""
     name, unit = column.name, column.unit
-    if name not in SHARES:
-        return
     whole, too_little = SHARES[name]
     for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
         cell, dimension = column.texts[i].strip(), BY_NAME[name].dimension
@@ -623,7 +572,7 @@ def _distances(
             raise column.refusal(i, what, "leave the cell empty")
         if not blank:
             remedy = "every trial at a boundary needs its distance; free air is boundary none"
-            raise column.refusal(i, column.no_value(i), remedy)
+            raise column.blank(i, remedy)
     in_radii = column.unit == RADII
     metres = campaign.vehicle.rotor_radius * recorded if in_radii else column.si()
     z_m = np.where(free, np.inf, metres)
@@ -740,4 +689,4 @@ def _backwards(column: TextColumn, start_s: FloatArray, session: NDArray[Any] | 
     row = int(known[1:][earlier][0])
     others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
     what = f"{column.texts[row].strip()} lies before the row above{others}"
-    return [f"{column.at(row)}: {what}: rows must be in the order in which they were run"]
+    return [f"{column.place(row)}: {what}: rows must be in the order in which they were run"]

@@ -142,12 +142,18 @@ def test_a_header_behind_a_hash_is_asked_for_without_it(tmp_path: Path) -> None:
 def test_constants_stand_for_columns(tmp_path: Path) -> None:
     trials = {
         "units": {**UNITS, "temperature": "K", "supply": "V"},
-        "constants": {"boundary": "ground", "temperature": "20 degC", "supply": 4.0},
+        "constants": {
+            "boundary": "ground",
+            "temperature": "20 degC",
+            "supply": 4.0,
+            "current": "2 A",
+        },
     }
     got = read(tmp_path, "trial,distance,throttle\na,43,25\nb,43,50\n", trials=trials)
     assert list(got.boundary) == ["ground", "ground"]
     np.testing.assert_allclose(got.covariates["temperature_K"], [293.15, 293.15])
     np.testing.assert_allclose(got.covariates["supply_V"], [4.0, 4.0])
+    np.testing.assert_allclose(got.covariates["current_A"], [2.0, 2.0])
 
 
 def test_iso_times_count_from_the_first_trial(tmp_path: Path) -> None:
@@ -293,11 +299,6 @@ AGAINST_THE_MANIFEST: dict[str, tuple[str, dict[str, Any], str]] = {
         HEAD + "a,ground,43,25\n",
         {"trials": {"constants": {"boundary": "ground"}}},
         "is also a column",
-    ),
-    "constant's unit": (
-        "trial,distance,throttle\na,43,25\n",
-        {"trials": {"constants": {"boundary": "ground", "supply": "4 V"}}},
-        "the column has none",
     ),
 }
 
