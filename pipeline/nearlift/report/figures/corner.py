@@ -4,12 +4,13 @@ throttle's L_inf.
 
 from __future__ import annotations
 
+import importlib
 import re
+import sys
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from corner.core import corner_impl
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -96,6 +97,18 @@ def _word(name: str) -> str:
     return f"L∞ at {100 * float(level[2]):.3g} %" if level else letter(name)
 
 
+def _corner() -> Any:
+    """Module of corner that draws arrays, without arviz, whose import takes longer."""
+    absent = "arviz" not in sys.modules
+    if absent:
+        sys.modules["arviz"] = None  # type: ignore[assignment]
+    try:
+        return importlib.import_module("corner.core")
+    finally:
+        if absent:
+            del sys.modules["arviz"]
+
+
 def _label(name: object) -> str:
     level = LEVEL.fullmatch(str(name))
     shown = rf"$L_\infty$ at {100 * float(level[2]):.3g} % ({level[1]})" if level else ""
@@ -104,6 +117,7 @@ def _label(name: object) -> str:
 
 def draw(table: pd.DataFrame, look: Style) -> Figure:
     """A triangle of panels for each boundary."""
+    corner = _corner()
     wide = {
         boundary: rows.pivot(index="draw", columns="name", values="value")[rows["name"].unique()]
         for boundary, rows in table.groupby("panel", sort=False)
@@ -117,7 +131,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
         low, high = draws.min(), draws.max()
         # a parameter without spread still has a place
         room = (1e-3 * draws.mean().abs().clip(lower=1e-6)).where(low == high, 0.0)
-        corner_impl(
+        corner.corner_impl(
             draws.to_numpy(), fig=block, labels=[_label(name) for name in draws],
             levels=(0.5, 0.9, 0.99), range=list(zip(low - room, high + room, strict=True)),
             color=SERIES[0][0], bins=30, smooth=1.0, plot_datapoints=False, max_n_ticks=3,
