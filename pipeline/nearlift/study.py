@@ -312,7 +312,7 @@ class Fit(StudyAnswer):
             | {"coefficient": name, **{key: getattr(c, key) for key in ESTIMATE}}
             for boundary, models in self.results.boundaries.items()
             for model, fit in models.items()
-            for name, c in fit.coefficients.items()
+            for name, c in fit.parameters.items()
         ]
         return pd.DataFrame(rows)
 
@@ -334,7 +334,7 @@ class Fit(StudyAnswer):
         boundary, model = self._chosen(boundary, model)
         fit = self.results.boundaries[boundary][model]
         parameters = library("lmfit").Parameters()
-        for name, c in fit.coefficients.items():
+        for name, c in fit.parameters.items():
             low, high = catalogue.model(model).parameter(name).bounds
             parameters.add(name, value=c.value, min=low, max=high)
             parameters[name].stderr, parameters[name].correl = c.u, {}
@@ -371,7 +371,7 @@ class Fit(StudyAnswer):
             quality = f"chi2/dof = {plain(fit.chi2 / fit.dof, 3)}, dof = {fit.dof}"
             facts = [f"trials = {fit.n_trials}, {quality}, rmse = {100 * fit.rmse:.2g} %"]
             correlations = _correlations(fit.covariance.names, fit.covariance.values)
-            lines += _section(boundary, fit.title, facts, fit.coefficients, correlations)
+            lines += _section(boundary, fit.title, facts, fit.parameters, correlations)
         return "\n".join([*lines, "Not diagnosed; the number to quote is diagnose()'s."])
 
 

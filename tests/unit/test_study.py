@@ -84,7 +84,7 @@ def test_what_is_not_there_is_refused_with_what_is(study, fit):
 
 
 def test_a_fit_prints_as_a_report(fit):
-    K_b = fit.results.of_base("ground").coefficients["K_b"]
+    K_b = fit.results.of_base("ground").parameters["K_b"]
     assert "[[ground: Sanchez-Cuevas]]" in str(fit)
     assert coefficient_text(K_b, "K_b") in str(fit)
     assert len(repr(fit).splitlines()) < 40
@@ -98,7 +98,7 @@ def test_residuals_are_those_of_the_base_model(fit):
 
 
 def test_a_fit_becomes_lmfit_parameters_and_inference_data(fit):
-    K_b = fit.results.of_base("ground").coefficients["K_b"]
+    K_b = fit.results.of_base("ground").parameters["K_b"]
     parameters = fit.to_lmfit()
     assert (parameters["K_b"].value, parameters["K_b"].stderr) == (K_b.value, K_b.u)
     two = fit.to_lmfit("ground", "sanchez_cuevas_free_exponent")
@@ -156,8 +156,8 @@ def test_a_table_of_trials_gives_the_fit_of_its_campaign(fit, radii):
         mass="27 g",
         fit={"ground": {"rivals": []}},
     )
-    refit = own.fit().results.of_base("ground").coefficients["K_b"]
-    declared = fit.results.of_base("ground").coefficients["K_b"]
+    refit = own.fit().results.of_base("ground").parameters["K_b"]
+    declared = fit.results.of_base("ground").parameters["K_b"]
     assert refit.value == pytest.approx(declared.value, abs=0.3 * declared.u)
 
 

@@ -152,7 +152,7 @@ class Evidence:
 
     def not_diagnosed(self, boundary: Boundary) -> str:
         """Why a boundary could not be diagnosed; empty where it was, or where it was not tried."""
-        return self.diagnosis[boundary].reason if boundary in self.diagnosis else ""
+        return str(getattr(self.diagnosis.get(boundary), "reason", ""))
 
     def known(self, boundary: Boundary, model: LiftModel) -> dict[str, Any]:
         """Inputs of `model` besides its parameters, one value for a whole curve: geometry, else

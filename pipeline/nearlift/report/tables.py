@@ -301,7 +301,8 @@ def _score(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, objec
     base, score = compared.models[compared.reference], compared.models[name]
     at = Place(evidence, FIT, ("comparison", boundary, "models", name))
     weighed = Place(evidence, FIT, ("boundaries", boundary, name, "log_evidence", "value"))
-    ln_z = [fits[n].log_evidence_value for n in (name, compared.reference)]
+    estimates = [fits[n].log_evidence for n in (name, compared.reference)]
+    ln_z = [z.value if z else math.nan for z in estimates]
 
     def less_base(number: Number, value: float, base: float) -> Number:
         difference = value - base

@@ -283,11 +283,6 @@ class BoundaryDiagnosis:
     silent: tuple[SilentEffect, ...]
     next_experiment: tuple[NextSession | NextExperiment, ...]
 
-    @property
-    def reason(self) -> str:
-        """Why it could not be diagnosed: it was."""
-        return ""
-
     def stand_ins(self, effect: NamedEffect) -> list[str]:
         """Rivals of an identified effect: single effects, then pairs as "a + b"."""
         together = [e for e in self.explanations or () if len(e) > len(self.effects)]
@@ -295,33 +290,6 @@ class BoundaryDiagnosis:
         return [r for r in effect.rivals if r in alone or not together] + [
             " + ".join(e) for e in together
         ]
-
-    @property
-    def before(self) -> Mapping[str, LoopEstimate]:
-        """Coefficients of the base model without the named effects."""
-        return self.coefficients.before
-
-    @property
-    def after(self) -> Mapping[str, LoopEstimate]:
-        """Coefficients of the base model with them."""
-        return self.coefficients.after
-
-    @property
-    def held_out_before(self) -> float:
-        """Error of the base model as a fraction of lift, on visits that took no part in choosing;
-        nan where there is none.
-        """
-        return self.error.before.held_out_rmse if self.error else float("nan")
-
-    @property
-    def held_out_after(self) -> float:
-        """Cross-validated error with the identified effects."""
-        return self.error.after.held_out_rmse if self.error else float("nan")
-
-    @property
-    def noise_floor(self) -> float:
-        """Noise floor of that error."""
-        return self.error.noise_floor if self.error else float("nan")
 
     @property
     def untestable(self) -> dict[str, tuple[str, ...]]:
@@ -343,13 +311,6 @@ class NotDiagnosed:
     base_model: str
     effects: tuple[NamedEffect, ...] = ()
     structure: tuple[StructureTest, ...] = ()
-    sensitivity: ClassVar[Sensitivity | None] = None
-    before: ClassVar[Mapping[str, LoopEstimate]] = {}
-    after: ClassVar[Mapping[str, LoopEstimate]] = {}
-    untestable: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    held_out_before: ClassVar[float] = float("nan")
-    held_out_after: ClassVar[float] = float("nan")
-    noise_floor: ClassVar[float] = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,14 +4,13 @@ of the base models' assumptions.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
-from nearlift.results.document import IfAny, Json, NumberKey, Real, Unbounded, as_json
+from nearlift.results.document import IfAny, NumberKey, Real, Unbounded
 from nearlift.results.estimate import Estimate, Noise
 from nearlift.results.levels import LevelFit
 from nearlift.results.posterior import PosteriorSummary
@@ -185,26 +184,11 @@ class ModelFit:
     posterior: IfAny[PosteriorSummary] = None
 
     @property
-    def coefficients(self) -> Mapping[str, Estimate]:
-        """The parameters, by what they are called once fitted."""
-        return self.parameters
-
-    @property
     def p_value(self) -> float:
         """Chance of a chi2 as large where the model is right and repeats scatter as estimated."""
         from scipy.special import chdtrc
 
         return float(chdtrc(self.dof, self.chi2))
-
-    @property
-    def log_evidence_value(self) -> float:
-        """Log of the marginal likelihood; nan where it was not asked."""
-        return self.log_evidence.value if self.log_evidence else math.nan
-
-    @property
-    def content(self) -> Json:
-        """Content of the file."""
-        return as_json(self)
 
     @property
     def values(self) -> dict[str, float]:

@@ -140,8 +140,9 @@ def _residuals(
         rows = both.assign(x=known[name], level=known[second] if second else 0.0)
         series = rows[np.isfinite(rows).all(axis=1)].groupby("level")
         shared = {"covariate": name, "unit": "%", "note": second}
+        floor = diagnosis.error.noise_floor if diagnosis.error else np.nan
         for when in ("before", "after") if diagnosis.verdict == "effect" else ("before",):
-            parts: list[Part] = [{"kind": "floor", "value": 100 * diagnosis.noise_floor}]
+            parts: list[Part] = [{"kind": "floor", "value": 100 * floor}]
             for _, mine in series:
                 x, y, at = mine["x"].to_numpy(), mine[when].to_numpy(), mine.index.to_numpy()
                 # the same bins before and after
