@@ -217,7 +217,7 @@ def contestant(
         draws = draw(data / DATA, ESS)
 
         def yardstick() -> dict[str, float]:
-            from nearlift.fit.ensemble import effective_draws
+            from nearlift.fit.posterior import effective_draws
 
             size = effective_draws(draws[:, :, :1].swapaxes(0, 1))[0]
             return {

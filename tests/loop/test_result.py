@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+import dataclasses
+
 import pytest
 from tests.unit.simulated import campaign
 
 from nearlift import catalogue
 from nearlift.fit.posterior import Settings, sample
 from nearlift.loop.diagnose import diagnose
+from nearlift.loop.result import SAME_END, with_posterior
 from nearlift.loop.search_problem import Options
 
 
@@ -25,6 +27,13 @@ def test_the_quoted_interval_is_that_of_its_posterior(gain, apart):
     quoted = found.quoted.coefficients["K_b"]
     assert found.quoted.effects == (() if gain is None else ("supply_sag",))
     drawn = sample(found.density, Settings(ess=400), 0, "quoted")
-    low, high = drawn.exact.quantiles(0, np.array([0.05, 0.95]))
+    low, high = drawn.quantiles(0, (0.05, 0.95))
     assert low == pytest.approx(quoted.lo90, abs=apart * quoted.u)
     assert high == pytest.approx(quoted.hi90, abs=apart * quoted.u)
+    # a larger difference is stated
+    held = with_posterior(found.quoted, drawn).coefficients["K_b"].holds
+    same = max(abs(low - quoted.lo90), abs(high - quoted.hi90)) <= SAME_END * quoted.u
+    assert (held == quoted.holds) == same
+    moved = {"K_b": dataclasses.replace(quoted, hi90=quoted.hi90 + 0.06 * quoted.u)}
+    stated = with_posterior(dataclasses.replace(found.quoted, coefficients=moved), drawn)
+    assert "Posterior " in stated.coefficients["K_b"].holds

@@ -12,6 +12,7 @@ from tests.unit import small_run
 from nearlift import schedule
 from nearlift.cli import QUESTIONS, main, stage_command
 from nearlift.describe import stages_page
+from nearlift.errors import NotConverged
 from nearlift.report.figures import budget
 from nearlift.report.registry import declared
 from nearlift.run.engine import (
@@ -23,7 +24,7 @@ from nearlift.run.engine import (
 )
 from nearlift.run.tables import Product, real
 from nearlift.stages import STAGES, diagnose
-from nearlift.stages.diagnose import DIAGNOSIS, QUOTED_POSTERIOR
+from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.ingest import TRIALS
 
@@ -91,15 +92,10 @@ def test_no_column_of_a_schedule_may_be_named_after_one_of_trials():
     assert {column.name for column in TRIALS.columns} <= schedule.RESERVED
 
 
-def test_a_quoted_posterior_that_does_not_converge_costs_its_draws_alone(make_job, monkeypatch):
-    """blind-h has a second peak at alpha = 0, which no chain reaches."""
+def test_a_quoted_posterior_that_does_not_converge_is_an_error(make_job, monkeypatch):
     job = make_job(("ground",), repeats=3)
     # no chain is as near to the grid as that
     monkeypatch.setattr("nearlift.results.posterior.APART", 0.0)
-    outcome = diagnose.run(job)
-    assert any(
-        n.startswith("ground: no draws of the quoted coefficients: emcee and")
-        for n in outcome.notes
-    )
-    assert len(job.read(QUOTED_POSTERIOR)["value"]) == 0
-    assert job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]["u"] > 0
+    with pytest.raises(NotConverged, match="emcee and the grid disagree") as fault:
+        diagnose.run(job)
+    assert fault.value.exit_code == 5

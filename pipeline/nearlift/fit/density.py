@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.prior import JointPrior
+from nearlift.fit.prior import TruncatedPrior
 from nearlift.likelihood.problem import Problem
 from nearlift.likelihood.stations import Stations
 
@@ -40,9 +40,9 @@ class Density:
     reach: FloatArray | float = math.inf
 
     @cached_property
-    def prior(self) -> JointPrior:
-        """The priors."""
-        return JointPrior.from_parameters(self.problem.model.parameters)
+    def priors(self) -> tuple[TruncatedPrior, ...]:
+        """The prior of each parameter; they are independent before the data."""
+        return tuple(TruncatedPrior(parameter=p) for p in self.problem.model.parameters)
 
     @cached_property
     def stations(self) -> Stations:
@@ -86,7 +86,10 @@ class Density:
 
     def __call__(self, theta: FloatArray) -> FloatArray:
         """Log prior plus log likelihood; the model is evaluated only within the bounds."""
-        log_prior = self.prior.log_density(theta)
+        log_prior: FloatArray = sum(
+            (prior.log_density(x) for prior, x in zip(self.priors, theta.T, strict=True)),
+            np.zeros(len(theta)),
+        )
         outside = (np.abs(theta - self.centre) > self.reach).any(axis=1)
         inside = np.isfinite(log_prior) & ~outside
         result = np.full(len(theta), -np.inf)
@@ -125,6 +128,6 @@ class Density:
         """
         jacobian = np.nan_to_num(self.problem.project(self.problem.jacobian(self.centre).T))
         information = jacobian @ jacobian.T
-        sd = np.array([b.width90 / 3.3 for b in self.prior.each])
+        sd = np.array([prior.width90 / 3.3 for prior in self.priors])
         scaled = np.linalg.inv(information * np.outer(sd, sd) + np.eye(len(sd)))
         return np.asarray(scaled * np.outer(sd, sd), dtype=np.float64)

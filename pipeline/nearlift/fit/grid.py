@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +55,7 @@ class PosteriorGrid:
         mean = float(self.mass @ x)
         return mean, float(np.sqrt(self.mass @ (x - mean) ** 2))
 
-    def quantiles(self, parameter: int, probabilities: FloatArray) -> FloatArray:
+    def quantiles(self, parameter: int, probabilities: Sequence[float]) -> FloatArray:
         """Marginal quantiles of one parameter, where `below` has these values."""
         from scipy.optimize import brentq
 

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
-from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
 from nearlift.results.fit import FitResults
 from nearlift.results.posterior import LEVEL, split_level
 
 Table = Mapping[str, NDArray[Any]]
+#: A variable: its dimensions, values and attributes.
+Variable = tuple[tuple[str, ...], NDArray[Any], dict[str, str]]
 FILE = "posterior.nc"
-#: Of the draws, as attributes.
-DIAGNOSTICS = ("ess", "tau", "acceptance", "noise_dof")
 
 
 def content(draws: Table, fits: FitResults, about: Mapping[str, str]) -> bytes:
@@ -45,67 +44,60 @@ def content(draws: Table, fits: FitResults, about: Mapping[str, str]) -> bytes:
         ) from None
     sink = io.BytesIO()
     with h5netcdf.File(sink, "w") as file:
-        for boundary in (b for b in BOUNDARIES if b in fits.boundaries):
-            base = fits.base[boundary]
-            for model in (base, *(m for m in fits.boundaries[boundary] if m != base)):
+        for boundary, models in fits.boundaries.items():
+            for model, entry in models.items():
                 mine = (draws["boundary"] == boundary) & (draws["model"] == model)
-                if not mine.any():
+                if (summary := entry.posterior) is None or not mine.any():
                     continue
-                chosen = {name: column[mine] for name, column in draws.items()}
-                summary = fits.boundaries[boundary][model].posterior
-                assert summary is not None
-                known = ((name, getattr(summary, name)) for name in DIAGNOSTICS)
-                notes = {
-                    **about,
-                    "boundary": boundary,
-                    "model": model,
-                    "sampler": summary.sampler,
-                    **{n: float(x) for n, x in known if x is not None and math.isfinite(x)},
+                names = ("sampler", "ess", "tau", "acceptance", "noise_dof")
+                diagnostics = {name: getattr(summary, name) for name in names}
+                notes: dict[str, object] = {**about, "boundary": boundary, "model": model}
+                notes |= {
+                    name: x if isinstance(x, str) else float(x)
+                    for name, x in diagnostics.items()
+                    if isinstance(x, str) or (x is not None and math.isfinite(x))
                 }
-                _model(file.create_group(f"{boundary}/{model}"), model, chosen, notes)
+                groups = _groups(model, {name: x[mine] for name, x in draws.items()})
+                _write(file.create_group(f"{boundary}/{model}"), groups, notes)
                 if "posterior" not in file:
-                    _model(file, model, chosen, notes)
+                    _write(file, groups, notes)
     return sink.getvalue()
 
 
-def _model(group: Any, model: str, draws: Table, notes: Mapping[str, object]) -> None:
-    """Groups `posterior` and `sample_stats` of one model."""
-    chains, length = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
-    group.attrs.update(notes)
-    posterior, stats = (
-        _group(group, name, chains, length, notes) for name in ("posterior", "sample_stats")
-    )
-    by_name = {
-        n: draws["value"][draws["parameter"] == n].reshape(chains, length)
-        for n in dict.fromkeys(draws["parameter"].tolist())
+def _groups(model: str, draws: Table) -> dict[str, dict[str, Variable]]:
+    """Variables of the groups `posterior` and `sample_stats` of one model."""
+    dims = ("chain", "draw")
+    shape = tuple(int(draws[dim].max()) + 1 for dim in dims)
+    index: dict[str, Variable] = {
+        dim: ((dim,), np.arange(size), {}) for dim, size in zip(dims, shape, strict=True)
     }
-    declared = catalogue.model(model)
-    levels = {split_level(n): values for n, values in by_name.items() if n.startswith(LEVEL)}
-    for name, values in by_name.items():
-        if name.startswith(LEVEL):
-            continue
-        variable = posterior.create_variable(name, ("chain", "draw"), data=values)
-        parameter = declared.parameter(name)
-        variable.attrs.update(
-            {"units": parameter.unit, "long_name": parameter.meaning, "prior": str(parameter.prior)}
-        )
-    if levels:
-        posterior.dimensions["throttle"] = len(levels)
-        posterior.create_variable("throttle", ("throttle",), data=np.array(list(levels)))
-        variable = posterior.create_variable(
-            LEVEL, ("chain", "draw", "throttle"), data=np.stack(list(levels.values()), axis=-1)
-        )
-        variable.attrs.update({"units": "N", "long_name": "lift far from the boundary"})
     first = draws["parameter"] == draws["parameter"][0]
-    stats.create_variable(
-        "lp", ("chain", "draw"), data=draws["log_prob"][first].reshape(chains, length)
-    )
+    stats = index | {"lp": (dims, draws["log_prob"][first].reshape(shape), {})}
+    posterior, levels = dict(index), dict[float, NDArray[Any]]()
+    for name in dict.fromkeys(draws["parameter"].tolist()):
+        values = draws["value"][draws["parameter"] == name].reshape(shape)
+        if name.startswith(LEVEL):
+            levels[split_level(name)] = values
+            continue
+        p = catalogue.model(model).parameter(name)
+        notes = {"units": p.unit, "long_name": p.meaning, "prior": str(p.prior)}
+        posterior[name] = (dims, values, notes)
+    if levels:
+        notes = {"units": "N", "long_name": "lift far from the boundary"}
+        posterior["throttle"] = (("throttle",), np.array(list(levels)), {})
+        posterior[LEVEL] = ((*dims, "throttle"), np.stack(list(levels.values()), axis=-1), notes)
+    return {"posterior": posterior, "sample_stats": stats}
 
 
-def _group(parent: Any, name: str, chains: int, length: int, notes: Mapping[str, object]) -> Any:
-    group = parent.create_group(name)
-    group.attrs.update(notes)
-    group.dimensions = {"chain": chains, "draw": length}
-    group.create_variable("chain", ("chain",), data=np.arange(chains))
-    group.create_variable("draw", ("draw",), data=np.arange(length))
-    return group
+def _write(
+    parent: Any, groups: dict[str, dict[str, Variable]], notes: Mapping[str, object]
+) -> None:
+    parent.attrs.update(notes)
+    for name, variables in groups.items():
+        group = parent.create_group(name)
+        group.attrs.update(notes)
+        group.dimensions = {
+            dims[0]: len(values) for dims, values, _ in variables.values() if len(dims) == 1
+        }
+        for variable, (dims, values, attributes) in variables.items():
+            group.create_variable(variable, dims, data=values).attrs.update(attributes)

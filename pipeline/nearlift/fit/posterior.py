@@ -1,7 +1,9 @@
 """Posterior of one model at one boundary: draws, their diagnostics, and the evidence.
 
-emcee (`fit.ensemble`) draws base models, and an exact grid checks chains of one or two parameters.
-Rivals of one or two parameters are drawn from that grid.
+emcee draws base models, with differential-evolution moves of all walkers at once. An exact grid
+checks chains of one or two parameters, and draws rivals of so many. The length of a chain follows
+from its autocorrelation time tau (Goodman and Weare 2010, as in emcee). The effective sample size
+is steps times walkers over tau.
 """
 
 from __future__ import annotations
@@ -15,9 +17,7 @@ import numpy as np
 from nearlift import randomness
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
-from nearlift.fit import ensemble
 from nearlift.fit.density import Density
-from nearlift.fit.ensemble import effective_draws
 from nearlift.fit.grid import PosteriorGrid, grid
 from nearlift.results.posterior import APART, SamplerCheck
 
@@ -27,6 +27,22 @@ CHAINS = 4
 GRID = 2
 #: Cumulative probabilities at which chain and grid are compared.
 PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: Steps between two assessments of a chain.
+BLOCK = 200
+#: Approximate lattice points per standard deviation for the walkers' starts: a power of two.
+LATTICE = 4096
+#: Length of a chain in tau from which emcee's documentation trusts the estimate of tau.
+LENGTHS = 50
+#: Burn-in in tau; emcee's tutorial takes 2 to 5.
+BURN = 10
+#: Effective draws at the ends of the 90 % interval, as a fraction of those of the mean.
+TAIL = 0.5
+#: Share of moves along the whole difference of two walkers, by which they change between modes
+#: (ter Braak 2006, Stat. Comput. 16, 239).
+JUMPS = 0.1
+
+Stream = Callable[[str], np.random.Generator]
+Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,11 +51,6 @@ class Settings:
 
     ess: int = 4000
     steps: int = 20_000
-
-    @property
-    def draws(self) -> int:
-        """Independent draws from a grid, divided evenly among `CHAINS`."""
-        return -(-self.ess // CHAINS) * CHAINS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +62,7 @@ class Posterior:
     names : tuple of str
         Of the parameters.
     theta, log_prob : (c, n, p), (c, n)
-        Draws by chain, and their unnormalised log density.
+        Draws by chain (walker), and their unnormalised log density.
     levels_N : (c, n, k)
         L_inf per throttle for each draw, N.
     sampler : str
@@ -90,9 +101,13 @@ class Posterior:
         """All draws of the parameters, (c n, p)."""
         return self.theta.reshape(self.log_prob.size, len(self.names))
 
-
-def ignore_steps(_: int) -> None:
-    """Report no progress."""
+    def quantiles(self, i: int, probabilities: Sequence[float]) -> FloatArray:
+        """Quantiles of parameter i: of the grid, which has no Monte Carlo error, else of the
+        draws.
+        """
+        if self.exact:
+            return self.exact.quantiles(i, probabilities)
+        return np.asarray(np.quantile(self.theta[:, :, i], probabilities), dtype=np.float64)
 
 
 def sample(
@@ -101,7 +116,7 @@ def sample(
     seed: int,
     *purpose: str,
     chain: bool = True,
-    progress: Callable[[int], None] = ignore_steps,
+    progress: Progress = lambda _: None,
 ) -> Posterior:
     """Draw a posterior to the effective sample size asked for, and check it.
 
@@ -120,21 +135,20 @@ def sample(
         The chain fell short, with the number of steps that would have been enough; or chain and
         grid disagree.
     """
-    names = density.problem.names
 
     def stream(part: str) -> np.random.Generator:
         return randomness.generator(seed, "posterior", part, *purpose)
 
+    names, count = density.problem.names, -(-settings.ess // CHAINS) * CHAINS
     if not names:
-        drawn = _independent(density, np.zeros((settings.draws, 0)), "none", stream("levels"))
-        log = float(drawn.log_prob[0, 0])
-        return replace(drawn, log_evidence=log, u_log_evidence=0.0)
+        drawn = _independent(density, np.zeros((count, 0)), "none", stream)
+        return replace(drawn, log_evidence=float(drawn.log_prob[0, 0]), u_log_evidence=0.0)
     lattice = grid(density) if len(names) <= GRID else None
     if lattice and lattice.resolved and not chain:
-        theta = np.clip(lattice.draw(stream("grid"), settings.draws), *density.problem.model.bounds)
-        drawn = _independent(density, theta, "grid", stream("levels"))
+        theta = np.clip(lattice.draw(stream("grid"), count), *density.problem.model.bounds)
+        drawn = _independent(density, theta, "grid", stream)
     else:
-        drawn = _chained(density, settings, stream, lattice, progress)
+        drawn = _checked_chain(density, settings, stream, lattice, progress)
     if lattice is None:
         return drawn
     return replace(
@@ -145,12 +159,12 @@ def sample(
     )
 
 
-def _chained(
+def _checked_chain(
     density: Density,
     settings: Settings,
-    stream: Callable[[str], np.random.Generator],
+    stream: Stream,
     lattice: PosteriorGrid | None,
-    progress: Callable[[int], None],
+    progress: Progress,
 ) -> Posterior:
     """Draws by emcee, checked by the grid; a chain that disagrees is repeated at twice its length.
 
@@ -158,34 +172,21 @@ def _chained(
     """
     least = 0
     while True:
-        chain = ensemble.run(
-            density, stream("emcee"), settings.ess, settings.steps, least, progress
-        )
-        check = compare(density.problem.names, chain.theta, lattice) if lattice else None
-        if not check or not check.failed:
-            break
-        if least or 2 * chain.steps > settings.steps:
+        drawn = run_chain(density, settings, stream, least, progress)
+        if lattice is None:
+            return drawn
+        check = compare(density.problem.names, drawn.theta, lattice)
+        if not check.failed:
+            return replace(drawn, checks=(check,))
+        if least or 2 * drawn.steps > settings.steps:
             raise NotConverged(
                 f"posterior of {density.problem.model.name}",
                 f"emcee and the grid disagree: {check.where}, {check.apart:.1f} Monte Carlo"
                 f" standard errors apart (at most {APART:g})",
-                f"a longer chain may agree: `steps = {4 * chain.steps}` in [fit] (now"
+                f"a longer chain may agree: `steps = {4 * drawn.steps}` in [fit] (now"
                 f" {settings.steps}); there may be several peaks, or one at a bound",
             )
-        least = 2 * chain.steps
-    return Posterior(
-        names=density.problem.names,
-        theta=chain.theta,
-        levels_N=levels(density, chain.theta, stream("levels")),
-        log_prob=chain.log_prob,
-        sampler="emcee",
-        ess=chain.ess,
-        ess_tail=chain.ess_tail,
-        tau=chain.tau,
-        acceptance=chain.acceptance,
-        steps=chain.steps,
-        checks=(check,) if check else (),
-    )
+        least = 2 * drawn.steps
 
 
 def compare(names: Sequence[str], theta: FloatArray, lattice: PosteriorGrid) -> SamplerCheck:
@@ -194,9 +195,9 @@ def compare(names: Sequence[str], theta: FloatArray, lattice: PosteriorGrid) -> 
     `theta` (w, n, p) are the draws by walker. Every quantile has its own effective sample size.
     """
     worst, where = 0.0, ""
-    quantiles = np.quantile(theta, PROBABILITIES, axis=(0, 1))
     steps = theta.transpose(1, 0, 2)
-    for probability, values in zip(PROBABILITIES, quantiles, strict=True):
+    for probability in PROBABILITIES:
+        values = np.quantile(theta, probability, axis=(0, 1))
         size = effective_draws((steps <= values).astype(float))
         for i, name in enumerate(names):
             error = math.sqrt(probability * (1 - probability) / size[i]) + lattice.error / APART
@@ -215,21 +216,18 @@ def compare(names: Sequence[str], theta: FloatArray, lattice: PosteriorGrid) -> 
     return SamplerCheck(by="grid", apart=worst, where=where, unfit=unfit)
 
 
-def _independent(
-    density: Density, theta: FloatArray, sampler: str, rng: np.random.Generator
-) -> Posterior:
+def _independent(density: Density, theta: FloatArray, sampler: str, stream: Stream) -> Posterior:
     """Independent draws (m, p) as `CHAINS` chains."""
     m, p = theta.shape
     chains = theta.reshape(CHAINS, m // CHAINS, p)
-    size = np.full(p, float(m))
     return Posterior(
         names=density.problem.names,
         theta=chains,
-        levels_N=levels(density, chains, rng),
+        levels_N=levels(density, chains, stream("levels")),
         log_prob=density(theta).reshape(chains.shape[:2]),
         sampler=sampler,
-        ess=size,
-        ess_tail=size,
+        ess=np.full(p, float(m)),
+        ess_tail=np.full(p, float(m)),
         tau=np.ones(p),
     )
 
@@ -250,6 +248,118 @@ def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> Flo
             (density.dof + departure) / rng.chisquare(density.dof + theta.shape[-1], len(flat))
         )
     noise = rng.standard_normal((len(flat), root.shape[1])) @ root.T
-    return np.asarray(
-        np.exp(centre + scale[:, None] * noise).reshape(*theta.shape[:-1], -1), dtype=np.float64
+    levels_N = np.exp(centre + scale[:, None] * noise)
+    return np.asarray(levels_N.reshape(*theta.shape[:-1], -1), dtype=np.float64)
+
+
+def start(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
+    """Starting points of the walkers about the fit, (w, p), twice as wide as the first order.
+
+    They are on a lattice: walkers move by each other's differences, so that rounding errors of the
+    starts would grow until they changed every walker.
+    """
+    mean, spread = density.peak, density.spread()
+    root = 2 * np.linalg.cholesky(spread)
+    step = 2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE
+    places = np.empty((0, len(mean)))
+    for attempt in range(200):
+        offset = rng.standard_normal((count, len(mean))) @ root.T / (1 + attempt / 10)
+        some = step * np.round((mean + offset) / step)
+        places = np.vstack([places, some[np.isfinite(density(some))]])
+        if len(places) >= count:
+            return places[:count]
+    raise NotConverged(
+        f"posterior of {density.problem.model.name}",
+        "no place near the fit has a finite density to start walkers from",
+        "look at the fit and its bounds",
     )
+
+
+def effective_draws(steps: FloatArray) -> FloatArray:
+    """Effective sample size of each quantity of steps (t, w, q), (q,); all if one is constant."""
+    return np.asarray(
+        steps.shape[0] * steps.shape[1] / autocorrelation_time(steps), dtype=np.float64
+    )
+
+
+def autocorrelation_time(steps: FloatArray) -> FloatArray:
+    """Integrated autocorrelation time by emcee of steps (t, w, q), (q,); 1 if one is constant."""
+    from emcee.autocorr import integrated_time
+
+    tau = np.ones(steps.shape[2])
+    for i, each in enumerate(np.moveaxis(steps, 2, 0)):
+        # the autocorrelation of a walker that never moves is 0 / 0
+        moving = each[:, np.ptp(each, axis=0) > 0]
+        if moving.size:
+            tau[i] = max(float(integrated_time(moving[:, :, None], tol=0, quiet=True)[0]), 1.0)
+    return tau
+
+
+def run_chain(
+    density: Density,
+    settings: Settings,
+    stream: Stream,
+    least: int = 0,
+    progress: Progress = lambda _: None,
+) -> Posterior:
+    """Sample at least `least` steps, until every parameter has the effective draws asked for, half
+    as many in the tails; thinned.
+
+    Raises
+    ------
+    NotConverged
+        The maximum number of steps was too small; the message has one that would have been enough.
+    """
+    import emcee
+
+    p, wanted = len(density.centre), settings.ess
+    count = max(2 * math.ceil(1.25 * wanted / LENGTHS / 2), 2 * (p + 1), 32)
+    rng = stream("emcee")
+    begin = start(density, rng, count)
+    generator = np.random.RandomState(int(rng.integers(2**32)))
+    moves = [(emcee.moves.DEMove(), 1 - JUMPS), (emcee.moves.DEMove(gamma0=1.0), JUMPS)]
+    sampler = emcee.EnsembleSampler(count, p, density, moves=moves, vectorize=True)
+    # emcee's wrapper prints a traceback where a run is interrupted
+    sampler.log_prob_fn = density
+    state = emcee.State(begin, random_state=generator.get_state())
+    while True:
+        state = sampler.run_mcmc(state, BLOCK)
+        steps = sampler.iteration
+        progress(steps)
+        if steps < least:
+            continue
+        theta = sampler.get_chain()
+        tau = autocorrelation_time(theta[steps // 4 :])
+        slowest = float(tau.max())
+        burn = min(math.ceil(BURN * slowest), steps - 1)
+        need = math.ceil(max(LENGTHS, 1.1 * wanted / count) * slowest) + burn
+        late = theta[burn:]
+        ess = late.shape[0] * count / tau
+        if steps >= need:
+            ends = np.quantile(late, [0.05, 0.95], axis=(0, 1))
+            tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
+            if ess.min() >= wanted and tail.min() >= TAIL * wanted:
+                # thinning by tau / 2 costs few effective draws and saves most of the file
+                thin = max(int(slowest / 2), 1)
+                kept = late[::thin].transpose(1, 0, 2)
+                return Posterior(
+                    names=density.problem.names,
+                    theta=kept,
+                    levels_N=levels(density, kept, stream("levels")),
+                    log_prob=sampler.get_log_prob()[burn::thin].T,
+                    sampler="emcee",
+                    tau=tau,
+                    ess=ess,
+                    ess_tail=tail,
+                    acceptance=float(np.mean(sampler.acceptance_fraction)),
+                    steps=steps,
+                )
+            short = max(wanted / ess.min(), TAIL * wanted / max(float(tail.min()), 1.0))
+            need = math.ceil(steps * max(1.2, 1.1 * short))
+        if steps >= settings.steps:
+            raise NotConverged(
+                f"posterior of {density.problem.model.name}",
+                f"{steps} steps of {count} walkers, tau = {slowest:.3g}, effective draws"
+                f" {ess.min():.0f} of {wanted}",
+                f"run at least {need}: `steps = {need}` in [fit] (now {settings.steps})",
+            )

@@ -16,16 +16,27 @@ from nearlift.fit import posterior
 from nearlift.fit.density import Density
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.posterior import Posterior, Settings
-from nearlift.fit.prior import compare_with_fit, compare_with_prior
+from nearlift.fit.prior import TruncatedPrior
 from nearlift.results.estimate import Estimate
 from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import (
+    DeclaredPrior,
     PosteriorParameter,
     PosteriorSummary,
     level_name,
 )
 
 Table = dict[str, NDArray[Any]]
+QUANTILES = (0.05, 0.5, 0.95)
+#: Ratio of 90 % widths, posterior over prior, above which the data say nothing, and above which the
+#: prior still matters.
+SAME, SHAPED = 0.8, 0.3
+#: Fraction of the bounded range that counts as at a bound, and the least share of draws there to be
+#: reported.
+EDGE, CROWD = 0.005, 0.02
+#: Ratio of 90 % widths, posterior over least squares, outside which a reason is given; and ratio of
+#: prior to least squares below which the prior is one.
+NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 
 
 def add_posterior(
@@ -48,109 +59,32 @@ def add_posterior(
     NotConverged
         A base model's posterior does not converge.
     """
-    boundary, name = fitted.problem.data.boundary, fitted.model.name
-    what = f"fit {boundary}: posterior of {name}"
-
-    def count(steps: int) -> None:
-        say(f"{what}, {steps} steps", 0.5)
-
+    data, name = fitted.problem.data, fitted.model.name
+    what = f"fit {data.boundary}: posterior of {name}"
     say(what, 0.5)
+    density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
     try:
-        density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
         drawn = posterior.sample(
-            density, settings, seed, boundary, name, chain=base, progress=count
+            density,
+            settings,
+            seed,
+            data.boundary,
+            name,
+            chain=base,
+            progress=lambda steps: say(f"{what}, {steps} steps", 0.5),
         )
     except NotConverged as fault:
         if base:
             raise
-        note = f"{boundary}: {name} has no posterior: {fault.what}; {fault.remedy}"
+        note = f"{data.boundary}: {name} has no posterior: {fault.what}; {fault.remedy}"
         return entry, [], [note]
     columns = {n: drawn.theta[:, :, i] for i, n in enumerate(drawn.names)}
+    levels = {float(t): drawn.levels_N[:, :, i] for i, t in enumerate(data.levels)}
     if base:
-        throttles = enumerate(fitted.problem.data.levels)
-        columns |= {level_name(t): drawn.levels_N[:, :, i] for i, t in throttles}
-    rows = [draw_rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()]
-    summary = _summary(density, drawn, fitted, data_sha256)
-    evidence = Estimate(value=drawn.log_evidence, u=drawn.u_log_evidence)
-    unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
-    entry = replace(entry, log_evidence=evidence, posterior=summary)
-    return entry, rows, [f"{boundary}: {text}" for text in unlike]
-
-
-def draw_rows(
-    boundary: str, model: str, name: str, values: FloatArray, log_prob: FloatArray
-) -> Table:
-    """Rows of a table of draws for one parameter; `values` and `log_prob` are (chains, draws)."""
-    chains, draws = values.shape
-    n = values.size
-    return {
-        "boundary": np.full(n, boundary, dtype=object),
-        "model": np.full(n, model, dtype=object),
-        "chain": np.repeat(np.arange(chains), draws),
-        "draw": np.tile(np.arange(draws), chains),
-        "parameter": np.full(n, name, dtype=object),
-        "value": values.ravel(),
-        "log_prob": log_prob.ravel(),
-    }
-
-
-QUANTILES = np.array([0.05, 0.5, 0.95])
-Moments = tuple[float, float, FloatArray]
-
-
-def _moments(draws: FloatArray) -> Moments:
-    """Mean, standard deviation and `QUANTILES`."""
-    return draws.mean(), draws.std(), np.quantile(draws, QUANTILES)
-
-
-def _marginal(drawn: Posterior, i: int) -> Moments:
-    """One parameter's moments, by the grid, which has no Monte Carlo error; else by the draws."""
-    if drawn.exact:
-        return *drawn.exact.moments(i), drawn.exact.quantiles(i, QUANTILES)
-    return _moments(drawn.theta[:, :, i].ravel())
-
-
-def _parameter(
-    density: Density, drawn: Posterior, fitted: LeastSquaresFit, i: int
-) -> PosteriorParameter:
-    prior, draws = density.prior.each[i], drawn.theta[:, :, i].ravel()
-    parameter = prior.parameter
-    change, estimate = compare_with_prior(prior, draws), fitted.estimates[parameter.name]
-    over_fit, why = compare_with_fit(prior, draws, estimate.lo90, estimate.hi90)
-    mean, sd, (low, median, high) = _marginal(drawn, i)
-    # without degrees of freedom the draws know only what trials of one visit do not share
-    ends = (low, high) if fitted.effective[i] else (-math.inf, math.inf)
-    return PosteriorParameter(
-        value=mean,
-        u=sd,
-        median=median,
-        lo90=ends[0],
-        hi90=ends[1],
-        unit=parameter.unit,
-        ess=drawn.ess[i],
-        ess_tail=drawn.ess_tail[i],
-        tau=drawn.tau[i],
-        prior=change.prior,
-        width_ratio=change.ratio,
-        at_low=change.at_low,
-        at_high=change.at_high,
-        width_over_fit=over_fit,
-        words="; ".join(filter(None, (change.words, why))),
-        unlike_fit=why,
-    )
-
-
-def _level(draws: FloatArray) -> Estimate:
-    mean, sd, (low, median, high) = _moments(draws.ravel())
-    return Estimate(value=mean, u=sd, median=median, lo90=low, hi90=high, unit="N")
-
-
-def _summary(
-    density: Density, drawn: Posterior, fitted: LeastSquaresFit, data: str
-) -> PosteriorSummary:
-    return PosteriorSummary(
-        model=fitted.model.name,
-        data_sha256=data,
+        columns |= {level_name(t): draws for t, draws in levels.items()}
+    summary = PosteriorSummary(
+        model=name,
+        data_sha256=data_sha256,
         sampler=drawn.sampler,
         chains=drawn.log_prob.shape[0],
         draws=drawn.log_prob.shape[1],
@@ -161,7 +95,123 @@ def _summary(
         noise_dof=density.dof,
         checks=drawn.checks,
         parameters={n: _parameter(density, drawn, fitted, i) for i, n in enumerate(drawn.names)},
-        L_inf_N={
-            t: _level(drawn.levels_N[:, :, i]) for i, t in enumerate(fitted.problem.data.levels)
-        },
+        L_inf_N={t: _level(draws) for t, draws in levels.items()},
+    )
+    evidence = Estimate(value=drawn.log_evidence, u=drawn.u_log_evidence)
+    notes = [
+        f"{data.boundary}: {p.unlike_fit}"
+        for p in summary.parameters.values()
+        if base and p.unlike_fit
+    ]
+    return (
+        replace(entry, log_evidence=evidence, posterior=summary),
+        [draw_rows(data.boundary, name, n, x, drawn.log_prob) for n, x in columns.items()],
+        notes,
+    )
+
+
+def draw_rows(
+    boundary: str, model: str, name: str, values: FloatArray, log_prob: FloatArray
+) -> Table:
+    """Rows of a table of draws for one parameter; `values` and `log_prob` are (chains, draws)."""
+    chain, draw = np.indices(values.shape)
+    labels = {"boundary": boundary, "model": model, "parameter": name}
+    return {k: np.full(values.size, label, dtype=object) for k, label in labels.items()} | {
+        "chain": chain.ravel(),
+        "draw": draw.ravel(),
+        "value": values.ravel(),
+        "log_prob": log_prob.ravel(),
+    }
+
+
+def _level(draws: FloatArray) -> Estimate:
+    low, median, high = np.quantile(draws, QUANTILES)
+    return Estimate(value=draws.mean(), u=draws.std(), median=median, lo90=low, hi90=high, unit="N")
+
+
+def _parameter(
+    density: Density, drawn: Posterior, fitted: LeastSquaresFit, i: int
+) -> PosteriorParameter:
+    prior, draws = density.priors[i], drawn.theta[:, :, i].ravel()
+    parameter = prior.parameter
+    ratio, words = compare_with_prior(prior, draws)
+    estimate = fitted.estimates[parameter.name]
+    unlike = compare_with_fit(prior, draws, estimate.lo90, estimate.hi90)
+    mean, sd = drawn.exact.moments(i) if drawn.exact else (draws.mean(), draws.std())
+    low, median, high = drawn.quantiles(i, QUANTILES)
+    # without degrees of freedom the draws know only what trials of one visit do not share
+    ends = (low, high) if fitted.effective[i] else (-math.inf, math.inf)
+    before = prior.quantile([0.05, 0.95])
+    return PosteriorParameter(
+        value=mean,
+        u=sd,
+        median=median,
+        lo90=ends[0],
+        hi90=ends[1],
+        unit=parameter.unit,
+        ess=drawn.ess[i],
+        ess_tail=drawn.ess_tail[i],
+        tau=drawn.tau[i],
+        prior=DeclaredPrior(
+            text=str(parameter.prior),
+            lo90=float(before[0]),
+            hi90=float(before[1]),
+            bounds=parameter.bounds,
+        ),
+        width_ratio=ratio,
+        words="; ".join(filter(None, (words, unlike))),
+        unlike_fit=unlike,
+    )
+
+
+def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float, str]:
+    """Ratio of 90 % widths, draws (n,) over prior, with remarks where prior or bounds matter."""
+    parameter, name = prior.parameter, prior.parameter.name
+    low, high = parameter.bounds
+    ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95])) / prior.width90)
+    edge, words = EDGE * (high - low), []
+    if ratio > SAME:
+        words.append(
+            f"the data say nothing about {name}: its interval is the prior's"
+            f" ({parameter.prior}), not a result"
+        )
+    elif ratio > SHAPED:
+        words.append(
+            f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width"
+            f" ({parameter.prior})"
+        )
+    for share, bound in (
+        (float(np.mean(draws < low + edge)), low),
+        (float(np.mean(draws > high - edge)), high),
+    ):
+        if share > CROWD:
+            words.append(
+                f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}"
+            )
+    return ratio, "; ".join(words)
+
+
+def compare_with_fit(prior: TruncatedPrior, draws: FloatArray, lo90: float, hi90: float) -> str:
+    """Reason why the width of the draws' 90 % interval is far from that of least squares, `lo90` to
+    `hi90`; empty where it is not, or where least squares has no interval.
+    """
+    wide = hi90 - lo90
+    if not (np.isfinite(wide) and wide > 0):
+        return ""
+    ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95])) / wide)
+    if NARROW <= ratio <= WIDE:
+        return ""
+    low, high = prior.parameter.bounds
+    edge = EDGE * (high - low)
+    reasons = [
+        f"the bound {b:g} cuts it off"
+        for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge))
+        if out and ratio < NARROW
+    ]
+    if ratio < NARROW and prior.width90 < CLOSE * wide:
+        reasons.append("the prior narrows it")
+    return (
+        f"the 90 % interval of {prior.parameter.name} is {ratio:.2g} times the width by least"
+        f" squares, probably because {' and '.join(reasons or ['the model is not linear there'])};"
+        " see its profile"
     )

@@ -53,10 +53,6 @@ class PosteriorParameter(Estimate):
         steps, 1 for independent draws.
     width_ratio : float
         Of the 90 % intervals after and before.
-    at_low, at_high : float
-        Share of draws at either bound.
-    width_over_fit : float
-        Of the 90 % intervals of the draws and of least squares.
     words, unlike_fit : str
         Where they matter. The second states why the posterior is unlike the fit.
     """
@@ -66,9 +62,6 @@ class PosteriorParameter(Estimate):
     tau: Real
     prior: DeclaredPrior
     width_ratio: Real
-    at_low: Real
-    at_high: Real
-    width_over_fit: Real
     words: str
     unlike_fit: str
 

@@ -59,7 +59,10 @@ QUOTED_POSTERIOR = Product(
 
 
 def run(job: Job) -> Outcome:
-    """Diagnose each boundary; of one that cannot be, its block and a note say why."""
+    """Diagnose each boundary; of one that cannot be, its block and a note say why.
+
+    A posterior of quoted coefficients that does not converge ends the run with exit code 5.
+    """
     from dataclasses import replace
 
     import numpy as np
@@ -70,6 +73,7 @@ def run(job: Job) -> Outcome:
     from nearlift.fit.posterior_summary import draw_rows
     from nearlift.likelihood import budget
     from nearlift.loop.diagnose import diagnose
+    from nearlift.loop.result import with_posterior
     from nearlift.observed import (
         at_the_disk,
         boundaries,
@@ -123,16 +127,12 @@ def run(job: Job) -> Outcome:
         column = {"boundary": np.full(size, boundary, dtype=object)}
         residuals.append(column | diagnosis.residuals)
         if density := diagnosis.density:
-            try:
-                drawn = sample(density, settings, job.seed, boundary, base.name, "quoted")
-            except NotConverged as fault:
-                # only a figure shows the draws: quoted values and intervals do not depend on them
-                notes.append(f"{boundary}: no draws of the quoted coefficients: {fault.what}")
-            else:
-                draws += [
-                    draw_rows(boundary, base.name, n, drawn.theta[:, :, k], drawn.log_prob)
-                    for k, n in enumerate(drawn.names)
-                ]
+            drawn = sample(density, settings, job.seed, boundary, base.name, "quoted")
+            quoted[boundary] = with_posterior(quoted[boundary], drawn)
+            draws += [
+                draw_rows(boundary, base.name, n, drawn.theta[:, :, k], drawn.log_prob)
+                for k, n in enumerate(drawn.names)
+            ]
         loop = diagnosis.findings
         remarks = (
             loop.look.text if loop.look else "",
