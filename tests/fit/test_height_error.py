@@ -36,18 +36,8 @@ def near_ceiling(seed, *, off_m=0.0, visits=4, height=5e-5):
     )
 
 
-def test_the_slope_carries_a_small_datum_and_not_a_large_one():
-    data = near_ceiling(1)
-    offsets = [
-        fit(CEILING, data, (datum(standard),), SCATTER).problem.offset_m
-        for standard in (0.02e-3, 0.5e-3)
-    ]
-    assert offsets[0] == 0 != offsets[1]
-    # far from the ground the curve is straight enough
-    ground = fit(catalogue.model("sanchez_cuevas"), campaign(1), (datum(0.2e-3),), SCATTER)
-    assert ground.problem.offset_m == 0
-    # an error of each session is no offset common to all
-    each = fit(CEILING, data, (datum(0.5e-3, scope="session"),), SCATTER)
+def test_an_error_of_each_distance_is_no_offset_common_to_all():
+    each = fit(CEILING, near_ceiling(1), (datum(0.5e-3, scope="distance"),), SCATTER)
     assert each.problem.offset_m == 0
 
 

@@ -16,11 +16,11 @@ from nearlift.fit import (
     collapse,
     deletion,
     held_quantity,
+    influence,
     information,
     inputs,
     profiles,
     rotor,
-    screening,
 )
 from nearlift.fit.base_result import base_result
 from nearlift.fit.least_squares import LeastSquaresFit, fit
@@ -127,8 +127,8 @@ def fit_boundary(
     slope = height_slope(base, data, base.named(result.theta), offset_m)
     carried = inputs.acting(parts, base, result.theta)
     collapsed, held, coefficient = _assumptions(campaign, result)
-    influence = screening.screen(result, parts, outlying)
-    notes = list(screening.notes(boundary, influence))
+    influential = influence.screen(result, parts, outlying)
+    notes = list(influence.notes(boundary, influential))
     entry, rows, draws, more = fitted(base, result)
     notes += [*more, *overdeclared(result)]
     # after its posterior, whose shape may be a doubt
@@ -157,7 +157,7 @@ def fit_boundary(
         throttle_collapse=collapsed,
         held_quantity=held,
         rotor_coefficient=coefficient,
-        influence=influence,
+        influence=influential,
         quoted=quoted,
         profiles=rows,
         draws=draws,

@@ -11,7 +11,7 @@ import pytest
 from tests.unit.simulated import campaign
 
 from nearlift import catalogue
-from nearlift.fit import influential, least_squares
+from nearlift.fit import influence, least_squares
 from nearlift.likelihood.budget import Component
 
 MODEL = catalogue.model("sanchez_cuevas")
@@ -35,15 +35,15 @@ def clean():
 
 
 def test_an_ordinary_campaign_names_nobody_and_costs_no_fit(clean, monkeypatch):
-    monkeypatch.setattr(influential, "fit", None)
-    found = influential.screen(clean, PARTS)
+    monkeypatch.setattr(influence, "fit", None)
+    found = influence.search(clean, PARTS)
     assert found.suspects == ()
     assert found.why_not == ""
 
 
 def test_an_outlier_is_named_with_the_value_that_it_spoilt(clean):
     spoilt = least_squares.fit(MODEL, changed(10.0, [FAR]), PARTS)
-    found = influential.screen(spoilt, PARTS, {str(DATA.trial[FAR])})
+    found = influence.search(spoilt, PARTS, {str(DATA.trial[FAR])})
     (suspect,) = found.suspects
     own = clean.estimates["K_b"]
     assert (suspect.kind, suspect.id, suspect.outlying) == ("trial", DATA.trial[FAR], True)
@@ -64,7 +64,7 @@ def test_an_outlier_near_the_pole_is_named_and_the_fit_stands(factor):
         replace(data, lift_N=np.where(np.arange(data.n) == near, factor, 1.0) * data.lift_N),
         PARTS,
     )
-    (suspect,) = influential.screen(spoilt, PARTS, {str(data.trial[near])}).suspects
+    (suspect,) = influence.search(spoilt, PARTS, {str(data.trial[near])}).suspects
     # pulled in where noise is estimated, it does not make stops scatter
     assert spoilt.noise.height_m < 3e-4
     assert suspect.id == data.trial[near]
@@ -74,14 +74,14 @@ def test_an_outlier_near_the_pole_is_named_and_the_fit_stands(factor):
 
 def test_a_trial_that_moves_the_headline_is_named_though_no_screen_marked_it():
     spoilt = least_squares.fit(MODEL, changed(1.1, [FAR]), PARTS)
-    (suspect,) = influential.screen(spoilt, PARTS).suspects
+    (suspect,) = influence.search(spoilt, PARTS).suspects
     assert (suspect.id, suspect.outlying) == (DATA.trial[FAR], False)
 
 
 def test_two_that_hide_each_other_are_both_named():
     """Each spoils the scatter that the other is judged by."""
     spoilt = least_squares.fit(MODEL, changed(1.2, [FAR, NEXT]), PARTS)
-    found = influential.screen(spoilt, PARTS)
+    found = influence.search(spoilt, PARTS)
     assert {s.id for s in found.suspects} == {DATA.trial[FAR], DATA.trial[NEXT]}
     assert found.without_all.value == pytest.approx(2.0, abs=0.1)
 
@@ -92,16 +92,16 @@ def test_a_pair_of_which_neither_moves_the_headline_alone_is_named_once_they_sta
     """
     ids = {str(t) for t in DATA.trial[[FAR, NEXT]]}
     fitted = least_squares.fit(MODEL, changed(1.06, [FAR, NEXT]), PARTS)
-    named = {s.id for s in influential.screen(fitted, PARTS, odd=ids).suspects}
+    named = {s.id for s in influence.search(fitted, PARTS, odd=ids).suspects}
     assert named == ids
-    assert influential.screen(clean, PARTS, odd=ids).suspects == ()
+    assert influence.search(clean, PARTS, odd=ids).suspects == ()
 
 
 def test_a_visit_that_moves_the_headline_is_named_with_its_trials():
     stop = DATA.visit[FAR]
     members = np.flatnonzero(DATA.visit == stop)
     spoilt = least_squares.fit(MODEL, changed(1.04, members), PARTS)
-    visits = [s for s in influential.screen(spoilt, PARTS).suspects if s.kind == "visit"]
+    visits = [s for s in influence.search(spoilt, PARTS).suspects if s.kind == "visit"]
     assert [s.id for s in visits] == [str(stop)]
     assert visits[0].trials == tuple(DATA.trial[members])
 
@@ -109,6 +109,6 @@ def test_a_visit_that_moves_the_headline_is_named_with_its_trials():
 def test_exact_numbers_and_a_model_without_coefficients_are_not_screened():
     exact = campaign(3, visits=4, relative=0.0, force=0.0, height=0.0)
     exact = replace(exact, u_lift_N=np.zeros(exact.n))
-    assert "repeat exactly" in influential.screen(least_squares.fit(MODEL, exact), ()).why_not
+    assert "repeat exactly" in influence.search(least_squares.fit(MODEL, exact), ()).why_not
     fixed = least_squares.fit(catalogue.model("cheeseman_bennett_fixed"), DATA)
-    assert influential.screen(fixed, ()).why_not.endswith("has no free coefficient")
+    assert influence.search(fixed, ()).why_not.endswith("has no free coefficient")
