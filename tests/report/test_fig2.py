@@ -15,7 +15,7 @@ from tests.unit import quoted
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.report import relative_lift, words
+from nearlift.report import curves, relative_lift, words
 from nearlift.report.evidence import pick
 from nearlift.report.figures import fig2
 from nearlift.report.phrases import coefficient_text
@@ -241,9 +241,11 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     posterior |= {"median": median, "lo90": 0.9, "hi90": 1.1, "u": 0.06}
     table, known = fig2.table(moved), moved.known("ground", model)
     line, fitted = (pick(table, panel="ground", kind=kind) for kind in ("band", "least squares"))
-    at_median = percent(model, line["z_hat"], **known, K_b=median)
+    # the line is over recorded distance
+    off = curves.height_found_m(fit) / moved.observations["ground"].radius_m
+    at_median = percent(model, line["z_hat"] + off, **known, K_b=median)
     np.testing.assert_allclose(line["delta_L_percent"], at_median, rtol=1e-6)
-    at_fit = percent(model, fitted["z_hat"], **known, **fit.values)
+    at_fit = percent(model, fitted["z_hat"] + off, **known, **fit.values)
     np.testing.assert_allclose(fitted["delta_L_percent"], at_fit, rtol=1e-9)
     assert (line["lo90_percent"] < line["delta_L_percent"]).all()
     assert (line["delta_L_percent"] < line["hi90_percent"]).all()
@@ -274,7 +276,8 @@ def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evid
     for column, value in (("delta_L_percent", 1.5), ("lo90_percent", 1.4), ("hi90_percent", 2.5)):
         drawn = percent(model, line["z_hat"], **known, K_b=value)
         np.testing.assert_allclose(line[column], drawn, rtol=1e-9)
-    fitted = percent(model, plain["z_hat"], **known, **fit.values)
+    off = curves.height_found_m(fit) / evidence.observations["ground"].radius_m
+    fitted = percent(model, plain["z_hat"] + off, **known, **fit.values)
     np.testing.assert_allclose(plain["delta_L_percent"], fitted, rtol=1e-9)
 
 

@@ -15,9 +15,6 @@ from nearlift.likelihood.budget import GROUPED, Component, groups
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Observations
 
-#: Largest error that is allowed for, in stated standard uncertainties: beyond, an effect is
-#: likelier.
-FARTHEST = 3.0
 #: Share of the nearest trial's distance within the model's range that the error may take.
 CLOSEST = 0.9
 
@@ -47,12 +44,11 @@ def room_m(model: LiftModel, data: Observations) -> float:
 def most_probable_m(
     problem: Problem, theta: FloatArray, slope: FloatArray, standard: float
 ) -> float:
-    """Posterior mean of the height error, m, to first order about the problem's own; at most
-    `FARTHEST` standard uncertainties, and no trial is moved through the boundary.
+    """Posterior mean of the height error, m, to first order about the problem's own; it moves no
+    trial through the boundary.
     """
     mean = standard**2 * float(problem.project(slope) @ problem.residuals(theta))
-    far = FARTHEST * standard
-    return float(np.clip(mean, max(-far, -room_m(problem.model, problem.data)), far))
+    return max(mean, -room_m(problem.model, problem.data))
 
 
 def u_m(problem: Problem, theta: FloatArray, slope: FloatArray, standard: float) -> float:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nearlift import derivative
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.fit import information
 from nearlift.likelihood.budget import INPUTS, Component
@@ -32,9 +33,6 @@ from nearlift.results.fit import UndeclaredInput
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import LeastSquaresFit
 
-#: Relative step of the central differences: truncation error 1e-8 of the derivative, rounding
-#: 1e-12.
-STEP = 1e-4
 #: Relative uncertainty of a calliper on a small rotor, and uncertainty in m of a datum set by eye.
 PLAUSIBLE = {"rotor_radius": 0.01, "rotor_spacing": 0.01, "height": 5e-4}
 
@@ -66,8 +64,7 @@ def _derivative(
         return np.zeros(data.n)
     if part.on == "exponent":
         return _log_ratio(model, data, coefficients)
-    up, down = (_log_ratio(model, _scaled(data, part, 1 + h), coefficients) for h in (STEP, -STEP))
-    return (up - down) / (2 * STEP)
+    return derivative.at_zero(lambda t: _log_ratio(model, _scaled(data, part, 1 + t), coefficients))
 
 
 def _log_ratio(model: LiftModel, data: Observations, coefficients: dict[str, float]) -> FloatArray:

@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift import derivative
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, Prior, compose
 from nearlift.likelihood.problem import needed
 from nearlift.likelihood.subspace import cosines
@@ -178,22 +179,17 @@ class Candidate:
         low, high = self.bounds
         _, sd = self.prior
         width = np.where(np.isfinite(sd), sd, np.minimum(high - low, 10.0))
-        step = np.maximum(1e-4 * np.abs(vector), 1e-3 * width)
-        up, down = np.minimum(vector + step, high), np.maximum(vector - step, low)
         moved = np.repeat(np.eye(len(self.slots), dtype=bool), self._widths, axis=1)
-        ends = [
-            np.where(moved, end[..., None, :], vector[..., None, :]).reshape(-1, self.size)
-            for end in (up, down)
-        ]
-        above, below = np.split(self.log_ratio(np.concatenate(ends)), 2)
-        change = (above - below).reshape(*vector.shape[:-1], len(self.slots), self.data.n)
+        change, apart = derivative.central(
+            self.log_ratio, vector, np.maximum(np.abs(vector), 10 * width), low, high, moved
+        )
         trials = np.arange(self.data.n)
         result = np.zeros((*vector.shape[:-1], self.data.n, self.size))
         for i, s in enumerate(self.slots):
             entry = s.start + (
                 self.data.session if s.parameter.per == "session" else np.zeros_like(trials)
             )
-            result[..., trials, entry] = change[..., i, :] / (up - down)[..., entry]
+            result[..., trials, entry] = change[..., i, :] / apart[..., entry]
         return np.nan_to_num(result, copy=False)
 
     def shapes(self) -> Iterator[FloatArray]:

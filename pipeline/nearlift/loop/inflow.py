@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift import derivative
 from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import need
 from nearlift.loop.candidate_fit import Fitted
@@ -30,7 +31,9 @@ class MeasuredDownwash:
 
 
 def predicted(fitted: Fitted, vector: FloatArray, z_hat: FloatArray) -> FloatArray:
-    """Downwash over its value far away, (m,), of a fitted model that has one."""
+    """Downwash over its value far away, (..., m), of a fitted model that has one, at vectors
+    (..., P).
+    """
     candidate = fitted.candidate
     model = candidate.model
     assert model.downwash is not None
@@ -40,10 +43,10 @@ def predicted(fitted: Fitted, vector: FloatArray, z_hat: FloatArray) -> FloatArr
         for name in model.needs
         if name in candidate.base.needs or name == "radius_m"
     }
-    values = {s.parameter.name: vector[s.start] for s in candidate.slots}
+    values = {s.parameter.name: vector[..., s.start, None] for s in candidate.slots}
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.asarray(model.downwash(z_hat, **known, **values), dtype=float)
-    return np.broadcast_to(ratio, z_hat.shape)
+    return np.broadcast_to(ratio, (*vector.shape[:-1], len(z_hat)))
 
 
 def log_density(measured: tuple[MeasuredDownwash, ...], fitted: Fitted) -> float:
@@ -58,13 +61,15 @@ def log_density(measured: tuple[MeasuredDownwash, ...], fitted: Fitted) -> float
         return 0.0
     z_hat, ratio, u = np.array([(m.z_hat, m.ratio, m.u) for m in measured]).T
     covariance, (low, high) = fitted.covariance, fitted.candidate.bounds
-    mean, step = predicted(fitted, fitted.vector, z_hat), 0.1 * np.sqrt(np.diag(covariance))
-    columns = np.zeros((len(z_hat), len(step)))
-    for i in np.flatnonzero(step):
-        up, down = fitted.vector.copy(), fitted.vector.copy()
-        up[i], down[i] = min(up[i] + step[i], high[i]), max(down[i] - step[i], low[i])
-        change = predicted(fitted, up, z_hat) - predicted(fitted, down, z_hat)
-        columns[:, i] = change / (up[i] - down[i])
+    mean = predicted(fitted, fitted.vector, z_hat)
+    change, apart = derivative.central(
+        lambda vector: predicted(fitted, vector, z_hat),
+        fitted.vector,
+        1e3 * np.sqrt(np.diag(covariance)),
+        low,
+        high,
+    )
+    columns = (change / np.where(apart > 0, apart, 1.0)[:, None]).T
     form = FORM_SD * (1 - mean)
     spread = columns @ covariance @ columns.T + np.outer(form, form) + np.diag(u**2)
     if not (np.isfinite(mean).all() and np.isfinite(spread).all()):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nearlift import derivative
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import lift_ratio
@@ -43,15 +44,17 @@ def uncertainty(
     covariance = np.array(among.values, dtype=float).reshape(len(names), len(names))
     covariance[~np.isfinite(covariance)] = np.nan
     centre = {**arguments, **{n: values[n] for n in names}}
-    jacobian = np.zeros((len(names), len(z_hat)))
-    for i, name in enumerate(names):
-        low, high = model.parameter(name).bounds
-        # a step well within the uncertainty, so that the slope is that of the curve where the data
-        # leave it
-        step = max(0.01 * float(np.sqrt(covariance[i, i])), 1e-7 * max(abs(values[name]), 1.0))
-        ends = min(values[name] + step, high), max(values[name] - step, low)
-        up, down = (ratio(model, z_hat, {**centre, name: end}) for end in ends)
-        jacobian[i] = (up - down) / (ends[0] - ends[1])
+    low, high = np.array([model.parameter(name).bounds for name in names]).reshape(-1, 2).T
+    at = np.array([values[name] for name in names])
+    size = np.maximum(np.abs(at), 1e-3 * np.minimum(high - low, 1.0))
+
+    def ratios(points: FloatArray) -> FloatArray:
+        each = (dict(zip(names, points[i], strict=True)) for i in np.ndindex(*points.shape[:-1]))
+        values = [ratio(model, z_hat, {**centre, **x}) for x in each]
+        return np.array(values).reshape(*points.shape[:-1], len(z_hat))
+
+    change, apart = derivative.central(ratios, at, size, low, high)
+    jacobian = change / apart[:, None]
     variance = np.einsum("iz,ij,jz->z", jacobian, covariance, jacobian)
     result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
     return result

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import catalogue
+from nearlift import catalogue, derivative
 from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.report import curves
@@ -24,9 +24,6 @@ from nearlift.results import Observations
 from nearlift.results.fit import ParameterCovariance
 from nearlift.results.quotation import BoundaryResult
 from nearlift.stages.diagnose import LOOP_RESIDUALS
-
-#: Relative step of a distance, and of a coefficient, by which a slope is taken.
-STEP = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,8 +204,10 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     of_trial = (
         (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2
     )
-    here, beyond = (_middle(evidence, boundary, drawn, cell[1] * x) for x in (1, 1 + STEP))
-    slope = np.nan_to_num((np.log1p(beyond) - np.log1p(here)) / (STEP * cell[1]))
+    along = derivative.at_zero(
+        lambda t: np.log1p(_middle(evidence, boundary, drawn, cell[1] * (1 + t)))
+    )
+    slope = np.nan_to_num(along / cell[1])
     visits = np.bincount(np.unique(np.stack([index, data.visit]), axis=1)[0], minlength=len(n))
     shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
     variance = np.bincount(index, of_trial) / n**2 + shared
@@ -229,17 +228,18 @@ def _u_L_inf(
     these and the coefficients.
     """
     levels, level = np.unique(throttle, return_inverse=True)
-    columns = [level == i for i in range(len(levels))]
-    for name in (p.name for p in drawn.model.parameters):
-        value = drawn.values[name]
-        # an offset is a few millimetres, in metres
-        step = STEP * max(abs(value), STEP)
-        up, down = (
-            np.log(curves.ratio(drawn.model, z_hat, {**drawn.values, name: value + s}))
-            for s in (step, -step)
-        )
-        columns.append(np.nan_to_num(up - down) / (2 * step))
-    weighted = np.stack(columns, axis=1) / np.sqrt(variance)[:, None]
+    names = [p.name for p in drawn.model.parameters]
+    at = np.array([drawn.values[name] for name in names])
+
+    def log_ratio(points: FloatArray) -> FloatArray:
+        each = (dict(zip(names, points[i], strict=True)) for i in np.ndindex(*points.shape[:-1]))
+        values = [np.log(curves.ratio(drawn.model, z_hat, {**drawn.values, **x})) for x in each]
+        return np.array(values).reshape(*points.shape[:-1], len(z_hat))
+
+    # an offset is a few millimetres, in metres
+    change, apart = derivative.central(log_ratio, at, np.maximum(np.abs(at), 1e-4))
+    slopes = np.nan_to_num(change / apart[:, None])
+    weighted = np.column_stack([np.eye(len(levels))[level], slopes.T]) / np.sqrt(variance)[:, None]
     scale = np.sqrt((weighted**2).sum(axis=0))
     scale[scale == 0] = 1.0
     inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale))

@@ -231,9 +231,9 @@ def fit_note(evidence: Evidence, boundary: Boundary) -> str:
     said += [coverage(quoted.headline)] if any("±" in text for text in said) else []
     coefficients = f" ({', '.join(said)})" if said else ""
     text = f"{boundary.capitalize()}: {model.title}{coefficients}."
-    offset_m = curves.height_found_m(fit)
-    if offset_m and not drawn.effects:
-        side = f"{abs(1e3 * offset_m):.2g} mm {'farther' if offset_m > 0 else 'nearer'}"
+    error = fit.height_error
+    if error and abs(error.value) > error.u and not drawn.effects:
+        side = f"{abs(1e3 * error.value):.2g} mm {'farther' if error.value > 0 else 'nearer'}"
         text += f" The line is drawn at the fitted height, {side} than recorded."
     if drawn.in_points:
         text += f" The points are corrected for {listed([*map(titled, drawn.in_points)])}."
