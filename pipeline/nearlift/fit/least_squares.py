@@ -211,9 +211,8 @@ def _optimum(
     where one of `standard` uncertainty is stated.
     """
     for _ in range(HEIGHT_ROUNDS):
-        carried = slope
-        if carried is None:
-            carried = height_slope(model, data, model.named(theta), offset_m)
+        own = height_slope(model, data, model.named(theta), offset_m)
+        carried = own if slope is None else slope
         problem = assemble(model, data, parts, scatter, theta, carried, offset_m)
         theta = solve(problem, theta)[0]
         if not standard:
@@ -258,12 +257,12 @@ def _described(
         theta=theta,
         covariance=covariance,
         estimates={
-            q.name: _estimate(*number, q.unit, q.bounds)
-            for q, *number in zip(parameters, theta, u, effective, strict=True)
+            q.name: _estimate(value, sigma, dof, q.unit, q.bounds)
+            for q, value, sigma, dof in zip(parameters, theta, u, effective, strict=True)
         },
         levels={
-            float(t): _estimate(*number, "N", (0.0, np.inf))
-            for t, *number in zip(data.levels, levels_N, u_levels, level_dof, strict=True)
+            float(t): _estimate(value, sigma, dof, "N", (0.0, np.inf))
+            for t, value, sigma, dof in zip(data.levels, levels_N, u_levels, level_dof, strict=True)
         },
         level_coefficients=level_coefficients,
         level_covariance=level_covariance,
