@@ -211,8 +211,8 @@ def _optimum(
     where one of `standard` uncertainty is stated.
     """
     for _ in range(HEIGHT_ROUNDS):
-        own = height_slope(model, data, model.named(theta), offset_m)
-        carried = own if slope is None else slope
+        of_model = height_slope(model, data, model.named(theta), offset_m)
+        carried = of_model if slope is None else slope
         problem = assemble(model, data, parts, scatter, theta, carried, offset_m)
         theta = solve(problem, theta)[0]
         if not standard:
