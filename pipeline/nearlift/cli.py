@@ -376,11 +376,12 @@ def serve(call: Call, folder: Path, port: int) -> None:
     """
     if not folder.is_dir():
         raise UsageError(str(folder), "is no folder", "name the folder that holds processed/")
-    from nearlift.serve.pages import responder
+    from nearlift.serve.pages import respond
     from nearlift.serve.server import Server
 
     # Ctrl-C is the way to end: it may come as soon as the link is read
-    with contextlib.suppress(KeyboardInterrupt), Server(port, responder(folder)) as server:
+    answer = functools.partial(respond, folder)
+    with contextlib.suppress(KeyboardInterrupt), Server(port, answer) as server:
         call.answer(
             {"workspace": str(folder.resolve()), "link": server.link},
             f"{folder.resolve()}: open {server.link}\n"

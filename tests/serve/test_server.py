@@ -113,16 +113,6 @@ def test_a_hundred_requests_at_a_time_are_answered(client):
     assert set(found) == {200}
 
 
-def test_beyond_the_most_connections_a_request_is_closed_and_the_next_ones_answered(monkeypatch):
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 1)
-    with Server(0, lambda path, query: plain(200, path)) as own:
-        first, second = object(), socket.socketpair()
-        own._deadlines[first] = time.monotonic()
-        own.process_request(second[0], None)
-        assert second[1].recv(1) == b""
-        second[1].close()
-
-
 def test_a_port_is_free_again_once_the_page_has_ended(tmp_path):
     with served(tmp_path) as own:
         port = own.port

@@ -5,19 +5,16 @@ resolves here. `Origin` and `Sec-Fetch-Site` are this page's own. It carries the
 printed link was exchanged for, once. Cookies ignore ports: another server on this machine that the
 same browser visits receives the cookie, and is trusted like all programs of this user.
 
-One connection carries one request and is then closed. A request that does not arrive in `REQUEST_S`
-is dropped.
+One connection carries one request, in a thread of its own, and is then closed. A request that stops
+arriving for `REQUEST_S` is dropped.
 """
 
 from __future__ import annotations
 
 import hmac
 import secrets
-import socket
 import socketserver
-import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler
 from typing import Any
@@ -25,10 +22,10 @@ from urllib.parse import parse_qsl, unquote
 
 from nearlift.errors import UsageError
 
-#: Seconds for a request to arrive, and for a browser to take the answer.
+#: Seconds for the next bytes of a request, and for a browser to take the answer.
 REQUEST_S, ANSWER_S = 5.0, 60.0
-#: Connections at a time, and fields of a query.
-MOST_CONNECTIONS, MOST_FIELDS = 256, 20
+#: Fields of a query.
+MOST_FIELDS = 20
 HTML, TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
 #: Path of the printed link.
 DOOR = "/open"
@@ -47,7 +44,7 @@ HEADERS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HttpAnswer:
-    """HttpAnswer to a request; `headers` replace those of `HEADERS`."""
+    """Answer to a request; `headers` replace those of `HEADERS`."""
 
     body: bytes = b""
     kind: str = HTML
@@ -60,7 +57,7 @@ def plain(status: int, text: str, **headers: str) -> HttpAnswer:
     return HttpAnswer(body=f"{text}\n".encode(), kind=TEXT, status=status, headers=headers)
 
 
-#: HttpAnswer to a path and the fields of its query.
+#: Answer to a path and the fields of its query.
 Respond = Callable[[str, dict[str, str]], HttpAnswer]
 
 
@@ -74,51 +71,23 @@ class Server(socketserver.ThreadingTCPServer):
     """
 
     allow_reuse_address = daemon_threads = True
-    request_queue_size = MOST_CONNECTIONS
+    request_queue_size = 256
 
     def __init__(self, port: int, respond: Respond) -> None:
         try:
             super().__init__(("127.0.0.1", port), Handler)
         except OSError as fault:
-            raise UsageError(
-                f"--port {port}", f"is not free: {fault.strerror}", "leave --port out: any free one"
-            ) from None
+            what, remedy = f"is not free: {fault.strerror}", "leave --port out: any free one"
+            raise UsageError(f"--port {port}", what, remedy) from None
         self.respond = respond
         self.host = f"127.0.0.1:{self.server_address[1]}"
-        self.token, self.secret = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
-        self.cookie = f"nearlift-{self.server_address[1]}={self.secret}"
-        #: Open connections, and when each must have sent its request.
-        self._deadlines: dict[Any, float] = {}
+        self.token, secret = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        self.cookie = f"nearlift-{self.server_address[1]}={secret}"
 
     @property
     def link(self) -> str:
         """Address to open, good for one browser."""
         return f"http://{self.host}{DOOR}?token={self.token}"
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """HttpAnswer in a thread, or close where too many connections are open."""
-        if len(self._deadlines) >= MOST_CONNECTIONS:
-            self.shutdown_request(request)
-            return
-        self._deadlines[request] = time.monotonic() + REQUEST_S
-        super().process_request(request, client_address)
-
-    def arrived(self, request: Any) -> None:
-        """Note that a request was read; sending the answer has its own limit."""
-        self._deadlines[request] = float("inf")
-
-    def shutdown_request(self, request: Any) -> None:
-        """Close a connection."""
-        self._deadlines.pop(request, None)
-        super().shutdown_request(request)
-
-    def service_actions(self) -> None:
-        """Cut off requests that did not arrive in time; called twice a second."""
-        now = time.monotonic()
-        for request, deadline in list(self._deadlines.items()):
-            if deadline < now:
-                with suppress(OSError):
-                    request.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore a browser that has gone."""
@@ -128,65 +97,49 @@ class Handler(BaseHTTPRequestHandler):
     """One request."""
 
     server: Server
-    timeout = ANSWER_S
+    timeout = REQUEST_S
 
     def do_GET(self) -> None:
         """Check the request and answer it."""
-        self.server.arrived(self.request)
         target, _, query = self.path.partition("?")
         try:
             path = unquote(target, errors="strict")
             fields = dict(parse_qsl(query, keep_blank_values=True, max_num_fields=MOST_FIELDS))
         except ValueError:
-            self._send(plain(400, "this address cannot be read"))
-            return
-        known = self._known()
-        if refusal := self._refusal():
-            self._send(plain(403, refusal))
-        elif path == DOOR:
-            self._send(self._opened(fields.get("token", ""), known))
-        elif self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
-            self._send(plain(403, "another site"))
-        elif not known:
-            self._send(plain(403, "open the link that nearlift serve printed"))
-        else:
-            try:
-                answer = self.server.respond(path, fields)
-            except Exception as fault:
-                answer = plain(500, f"this page failed: {type(fault).__name__}: {fault}")
-            self._send(answer)
-
-    def _refusal(self) -> str:
-        """Reason to refuse, or an empty text."""
+            return self._send(plain(400, "this address cannot be read"))
+        origin = f"http://{self.server.host}"
         if self.headers.get_all("Host") != [self.server.host]:
-            return "another host"
-        address = f"http://{self.server.host}"
-        return "" if self.headers.get("Origin", address) == address else "another origin"
-
-    def _known(self) -> bool:
-        """Whether the browser has the cookie."""
-        cookie = self.server.cookie.encode()
-        given = ";".join(self.headers.get_all("Cookie", [])).encode("utf-8", "replace")
-        return any(hmac.compare_digest(part.strip(), cookie) for part in given.split(b";"))
+            return self._send(plain(403, "another host"))
+        if self.headers.get("Origin", origin) != origin:
+            return self._send(plain(403, "another origin"))
+        cookies = ";".join(self.headers.get_all("Cookie", [])).split(";")
+        known = any(_equal(part.strip(), self.server.cookie) for part in cookies)
+        if path == DOOR:
+            return self._send(self._opened(fields.get("token", ""), known))
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            return self._send(plain(403, "another site"))
+        if not known:
+            return self._send(plain(403, "open the link that nearlift serve printed"))
+        try:
+            answer = self.server.respond(path, fields)
+        except Exception as fault:
+            answer = plain(500, f"this page failed: {type(fault).__name__}: {fault}")
+        return self._send(answer)
 
     def _opened(self, token: str, known: bool) -> HttpAnswer:
         """Exchange the token for the cookie. The page follows by a refresh: a browser that came
         from another site would not send a strict cookie along a redirection.
         """
-        secret = self.server.token
-        fits = bool(secret) and hmac.compare_digest(
-            token.encode("utf-8", "replace"), secret.encode()
-        )
-        if fits:
+        cookie = {}
+        if self.server.token and _equal(token, self.server.token):
             self.server.token = ""
             cookie = {"Set-Cookie": f"{self.server.cookie}; Path=/; HttpOnly; SameSite=Strict"}
-        elif known:
-            cookie = {}
-        else:
+        elif not known:
             return plain(403, "this link was used already: start nearlift serve again")
         return plain(200, "nearlift", Refresh="0; url=/", **cookie)
 
     def _send(self, answer: HttpAnswer) -> None:
+        self.connection.settimeout(ANSWER_S)
         self.send_response_only(answer.status)
         sizes = {"Content-Type": answer.kind, "Content-Length": str(len(answer.body))}
         for name, value in {**HEADERS, **sizes, **answer.headers}.items():
@@ -195,8 +148,12 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(answer.body)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """HttpAnswer a request that is no GET or cannot be parsed."""
+        """Answer a request that is no GET or cannot be parsed."""
         self._send(plain(code, message or "this request cannot be answered"))
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log nothing."""
+
+
+def _equal(given: str, secret: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "replace"), secret.encode())
