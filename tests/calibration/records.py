@@ -28,9 +28,9 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.observed import observe
 from nearlift.readers import reader, rows
-from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.quality import joined, rejected
 from nearlift.reduction.record import reduce_record
+from nearlift.reduction.samples import Conditions
 from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
 

@@ -35,9 +35,9 @@ from tests.calibration.bench import (
 )
 
 from nearlift.likelihood.budget import Component
-from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.quality import rejected
 from nearlift.reduction.record import reduce_record
+from nearlift.reduction.samples import Conditions
 from nearlift.results import Observations
 
 RATE = 1000.0

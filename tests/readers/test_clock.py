@@ -15,8 +15,7 @@ from nearlift.onboarding.shown import block
 from nearlift.readers import reader
 from nearlift.readers.base import rate_of
 from nearlift.readers.clock import seconds_of
-from nearlift.reduction.conditions import Conditions
-from nearlift.reduction.samples import clock_codes
+from nearlift.reduction.samples import Conditions, clock_codes
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination, slow_noise
-from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.mean_noise import spectral_density_at_zero
 from nearlift.reduction.record import Reduced, reduce_record
+from nearlift.reduction.samples import Conditions
 
 RATE = 1000.0
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.reduction.conditions import Conditions
-from nearlift.reduction.samples import clock_codes
+from nearlift.reduction.samples import Conditions, clock_codes
 
 
 @pytest.mark.parametrize("samples", [12, 20])

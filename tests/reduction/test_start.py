@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nearlift.reduction.start import start_of
-from nearlift.reduction.wrap import wrap_of
+from nearlift.reduction.start import start_of, wrap_of
 
 
 def record(rest_s: float, rise_s: float, rate: float, seed: int, length_s: float = 4.0):

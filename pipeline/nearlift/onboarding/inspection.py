@@ -21,8 +21,7 @@ from nearlift.readers.files import GZIP, content_of, head_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.ramp import Ramp, ramp_of
 from nearlift.readers.text import CSV, SHEET, TEXT
-from nearlift.reduction.start import RotorStart, start_of
-from nearlift.reduction.wrap import wrap_of
+from nearlift.reduction.start import RotorStart, start_of, wrap_of
 
 #: First bytes of a DataFlash log: two that begin each message, and the type of its formats.
 DATAFLASH = b"\xa3\x95\x80"

@@ -19,8 +19,8 @@ from nearlift.readers import segments
 from nearlift.readers.base import Record, malformed
 from nearlift.readers.files import Piece, source_of
 from nearlift.readers.segments import CutPiece
-from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import Reduced, reduce_record
+from nearlift.reduction.samples import Conditions
 
 #: Columns of trials.parquet that are fields of `Row`, and fields of its reduction.
 OF_THE_FILE = ("samples", "source_sha256", "source", "fault")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination
-from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.stretch import Stretch, steady, usual_step
 
 #: No force: beyond it numbers are damage, whatever the load cell.
@@ -21,6 +22,24 @@ FAR = 6.0
 #: Share of the samples that repeat the one before from which on a channel may be still.
 FEWEST_REPEATS = 0.1
 HOUR_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """Nominal sample rate, rotors-stopped head, settling time and limits of the quality codes.
+
+    `range_N` is the capacity of the load cell. The fractions are from ``[quality]``. `drift` is the
+    largest drift over the record, as a fraction of the trial's lift. `missing` is the fraction of
+    the samples that may be absent. `out_of_range` is the fraction that may hold no number.
+    """
+
+    rate_Hz: float
+    tare_s: float = 0.0
+    settle_s: float = 0.0
+    drift: float = 0.05
+    missing: float = 0.05
+    out_of_range: float = 0.01
+    range_N: float | None = None
 
 
 def forces(values: FloatArray, range_N: float | None) -> FloatArray:
