@@ -169,7 +169,7 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
     design, library, _ = planned(
         data, catalogue.model("hsiao_chirarattananon"), (), NOISE, Options(), np.array([0.125])
     )
-    row = design_report.weigh(design, size_parameter("height_scale"))
+    row = design_report.effect_outlook(design, size_parameter("height_scale"), [1.0])
     assert row.verdict == "silent"
     assert row.detection_limit is None
     assert row.bias["alpha"].in_u != 0

@@ -51,7 +51,7 @@ def outlook(
     undetected = coefficients.constrained_columns(problem, ())
     _, u_wide = coefficients.spread(problem, problem.base_fit, undetected)
     rows = tuple(
-        _effect(design, of, u)
+        effect_outlook(design, of, u)
         for effect in library
         if not effect.within_trial
         for of in size_parameters(effect)
@@ -75,7 +75,7 @@ def outlook(
     )
 
 
-def _effect(design: DesignPower, of: SizeParameter, u: Iterable[float]) -> EffectOutlook:
+def effect_outlook(design: DesignPower, of: SizeParameter, u: Iterable[float]) -> EffectOutlook:
     """Detection limit of one size, naming at its plausible size, and the bias of the coefficients
     at the largest plausible size that goes undetected, also in `u` (p,).
     """
