@@ -218,7 +218,7 @@ def test_welch_and_satterthwaite():
     ]
     plain = information.effective_dof(lines, SCATTER, 2)
     u = np.array([np.sqrt(np.diag(line.covariance)) for line in lines])
-    dof = np.array([line.dof for line in lines])
+    dof = np.array([np.broadcast_to(line.dof, 2) for line in lines])
     assert plain == pytest.approx((u**2).sum(axis=0) ** 2 / (u**4 / dof).sum(axis=0), rel=1e-9)
     spread = np.array([[0.1, -0.06], [-0.06, 0.1]])
     told = dataclasses.replace(

@@ -36,8 +36,6 @@ NO_LINE = 1e-6
 #: Shift by an undeclared input, in standard uncertainties, up to which it is no doubt: it would
 #: widen u by sqrt(1 + 0.3^2), 4 %.
 WORTH_TELLING = 0.3
-#: Step of the exponent in the derivative of a coefficient.
-EXPONENT_STEP = 0.01
 #: Undeclared inputs: name, factor to the unit shown, and that unit.
 INPUTS = {
     "rotor_radius": ("rotor radius", 1e2, "%"),
@@ -156,10 +154,10 @@ class Estimator:
         apart = float(np.sqrt(max(u**2 - self.u[i] ** 2, 0.0))) if np.isfinite(u) else 0.0
         budget = []
         # lines come from the linearised estimator, u may come from the nonlinear model
-        linear = float(np.sqrt(sum(line.covariance[i, i] for line in self.lines)))
+        linear = float(np.sqrt(sum(line.variance[i] for line in self.lines)))
         scale = float(self.u[i]) / linear if linear > 0 and np.isfinite(self.u[i]) else 1.0
         for line in self.lines:
-            u_line = scale * float(np.sqrt(max(line.covariance[i, i], 0.0)))
+            u_line = scale * float(np.sqrt(line.variance[i]))
             left = float(np.hypot(self._without[line.component][i], apart))
             if u_line > NO_LINE * u or left < (1 - NO_LINE) * u:
                 budget.append(
@@ -170,7 +168,7 @@ class Estimator:
                         u_without=left,
                         distribution=line.distribution,
                         scope=line.scope,
-                        dof=float(line.dof[i]),
+                        dof=float(np.broadcast_to(line.dof, len(self.theta))[i]),
                         u_input=line.standard if line.unit else None,
                         unit=line.unit,
                         sensitivity=float(line.sensitivity[i]) if line.unit else None,
@@ -225,15 +223,9 @@ class Estimator:
     def _exponents(self) -> Iterator[tuple[str, float, float]]:
         """Condition, value and u of the first coefficient at a free exponent and 2/3."""
         problem = self.problem
-        n, u_n = held_quantity.free_exponent(problem, self.theta)
+        (n, _), (value, u) = held_quantity.free_exponent(problem, self.theta)
         if np.isfinite(n):
-            refits = held_quantity.at_exponents(
-                problem, self.theta, [n - EXPONENT_STEP, n, n + EXPONENT_STEP]
-            )
-            if len(refits) == 3:
-                (_, below, _), (_, value, u), (_, above, _) = refits
-                turn = (above - below) / (2 * EXPONENT_STEP)
-                yield "free exponent of the lift ratio", value, float(np.hypot(u, turn * u_n))
+            yield "free exponent of the lift ratio", value, u
         for _, value, u in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
             yield "constant power instead of constant throttle (exponent 2/3)", value, u
 

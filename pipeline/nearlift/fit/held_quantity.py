@@ -46,6 +46,9 @@ NOT_HELD = 0.01
 LEAST_LEFT = 0.1
 #: Fewest visits in one session for a response: six are left after a level and a slope.
 ENOUGH = 8
+#: A value and its standard uncertainty.
+Number = tuple[float, float]
+UNKNOWN: Number = (np.nan, np.nan)
 NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
 
 
@@ -69,7 +72,7 @@ def examine(
     `reach90` is half of its 90 % interval in standard uncertainties, `declared` the held quantity
     that the manifest states.
     """
-    n, u_n = free_exponent(problem, theta)
+    (n, u_n), _ = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
     answers = {q: response(problem.data, log_ratio, q) for q in logged(problem.data)}
     responses = tuple(r for r in answers.values() if r is not None)
@@ -178,9 +181,9 @@ def _bounds(problem: Problem) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float]:
-    """Best-fitting exponent and its standard uncertainty with theta free; both nan at a bound or
-    where theta can replace the exponent.
+def free_exponent(problem: Problem, theta: FloatArray) -> tuple[Number, Number]:
+    """Best-fitting exponent and the first coefficient with it free, each with its standard
+    uncertainty; nan at a bound or where theta can replace the exponent.
     """
     low, high = _bounds(problem)
     scale = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
@@ -192,10 +195,12 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float]:
     information = slopes @ slopes.T
     at_bound = np.any(best - low < 1e-4 * scale) or np.any(high - best < 1e-4 * scale)
     if at_bound or np.linalg.cond(information) > 1e12:
-        return np.nan, np.nan
-    u = float(np.sqrt(np.linalg.inv(information)[-1, -1]) * scale[-1])
+        return UNKNOWN, UNKNOWN
+    u = np.sqrt(np.diag(np.linalg.inv(information))) * scale
     # along so flat a valley the search's last place is no estimate
-    return (np.nan, np.nan) if u > np.ptp(EXPONENT_BOUNDS) else (float(best[0, -1]), u)
+    if u[-1] > np.ptp(EXPONENT_BOUNDS):
+        return UNKNOWN, UNKNOWN
+    return (float(best[0, -1]), float(u[-1])), (float(best[0, 0]), float(u[0]))
 
 
 def logged(data: Observations) -> dict[str, FloatArray]:

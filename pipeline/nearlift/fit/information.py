@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,19 +38,17 @@ if TYPE_CHECKING:
 #: Least effective degrees of freedom: a 90 % interval then has 6.3 standard uncertainties to either
 #: side.
 LEAST_DOF = 1.0
-#: Unit of a component's standard uncertainty, by what it is on.
+#: What a component's standard uncertainty is on: its unit, and the factor and unit shown.
 UNITS = {
-    "height": "m",
-    "force": "N",
-    "gain": "1",
-    "linearity": "N",
-    "zero": "N",
-    "lag": "s",
-    **dict.fromkeys(INPUTS, "1"),
+    "height": ("m", 1e3, "mm"),
+    "force": ("N", 1e3, "mN"),
+    "linearity": ("N", 1e3, "mN"),
+    "zero": ("N", 1e3, "mN"),
+    "gain": ("1", 1e2, "%"),
+    **dict.fromkeys(INPUTS, ("1", 1e2, "%")),
 }
-#: Line of the noise within each trial's own record.
+#: Line of the noise within each trial's own record, and lines of the components of `Noise`.
 RECORD_NOISE = "noise within a record"
-#: Lines of the components of `Noise`.
 NAMES = {
     "relative": "proportional scatter",
     "force_N": "force scatter",
@@ -59,23 +57,17 @@ NAMES = {
     "drift": "slow drift",
 }
 #: Absolute correlation above which a pair is degenerate: knowing one would reduce u of the other to
-#: sqrt(1 - r^2) = 0.31 of it.
-DEGENERATE = 0.95
+#: sqrt(1 - r^2) = 0.31 of it; and above which a remedy calls it confounded (0.44).
+DEGENERATE, TRADES = 0.95, 0.9
 #: Least relative reduction of an uncertainty for which a remedy is listed; u is printed to two
 #: digits.
 WORTH = 0.05
 #: Number of repeats that stands for no scatter at all.
 MOST_REPEATS = 1e8
-#: Absolute correlation above which two quantities are called confounded.
-TRADES = 0.9
-#: Factor and unit in which the error of an input is shown.
-SCALES = {
-    "height": (1e3, "mm"),
-    "force": (1e3, "mN"),
-    "linearity": (1e3, "mN"),
-    "gain": (1e2, "%"),
-    **dict.fromkeys(INPUTS, (1e2, "%")),
-}
+#: Fraction of its length that a parameter's row must keep once L_inf is projected out; least
+#: eigenvalue of the scaled information along a determined direction; and greatest share of a
+#: determined parameter in an undetermined one. The floating-point precision is 2e-16.
+KEPT, SEEN, BLIND = 1e-6, 1e-13, 1e-6
 
 
 def parameter_covariance(
@@ -88,16 +80,16 @@ def parameter_covariance(
     uncertainty. `whole` (p,) is the length of each row before L_inf was projected out. A parameter
     that keeps none of it, as where all trials are at one distance, is undetermined.
     """
-    seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)
+    seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else KEPT * whole)
     white = np.where(seen[:, None], white, 0.0)
     information = white @ white.T
     size = np.sqrt(np.diag(information))
-    scale = np.where(size > 0, size, 1.0)
-    value, vector = np.linalg.eigh(information / np.outer(scale, scale))
-    blind = value < 1e-13
+    unit = np.outer(*[np.where(size > 0, size, 1.0)] * 2)
+    value, vector = np.linalg.eigh(information / unit)
+    blind = value < SEEN
     inverse = (vector[:, ~blind] / value[~blind]) @ vector[:, ~blind].T
-    determined = seen & np.all(np.abs(vector[:, blind]) < 1e-6, axis=1)
-    return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
+    determined = seen & np.all(np.abs(vector[:, blind]) < BLIND, axis=1)
+    return np.asarray(inverse / unit, dtype=np.float64), determined
 
 
 def gain(problem: Problem, theta: FloatArray) -> FloatArray:
@@ -124,11 +116,9 @@ class Line:
         Contribution to the covariance.
     without : Covariance or None
         Covariance of the trials if the source were known exactly; None where nothing else scatters.
-    sensitivity : (m,)
-        Change of each coefficient per unit of the input, signed where the input is one number.
-        Else it is the root of the sum of squares over the input's elements. In both cases
-        ``|sensitivity| standard`` is the contribution.
-    dof : (m,)
+    moved : (m,) or None
+        Signed contribution, where the input is one number.
+    dof : (m,) or float
         Effective degrees of freedom of the contribution; inf for a stated one.
     sizes : dict of (m,)
         Variance by each component of `Noise`, for lines of the scatter of trials.
@@ -138,25 +128,26 @@ class Line:
     kind: Literal["A", "B"]
     distribution: str = "normal"
     scope: str = "trial"
-    standard: float
+    standard: float = 1.0
     unit: str = "1"
     covariance: FloatArray
     without: Covariance | None
-    sensitivity: FloatArray
-    dof: FloatArray
+    moved: FloatArray | None = None
+    dof: FloatArray | float = np.inf
     sizes: dict[str, FloatArray] = field(default_factory=dict)
 
-    @classmethod
-    def from_contribution(
-        cls, component: str, kind: Literal["A", "B"], standard: float, **more: Any
-    ) -> Line:
-        """A line from its contribution, by default of a stated error."""
-        u = np.sqrt(np.maximum(np.diag(more["covariance"]), 0.0))
-        usual = {
-            "sensitivity": u / standard if standard > 0 else np.zeros(len(u)),
-            "dof": np.full(len(u), np.inf),
-        }
-        return cls(component=component, kind=kind, standard=standard, **(usual | more))
+    @property
+    def variance(self) -> FloatArray:
+        """Contribution to the variance of each coefficient, (m,)."""
+        return np.maximum(np.diag(self.covariance), 0.0)
+
+    @property
+    def sensitivity(self) -> FloatArray:
+        """Change of each coefficient per unit of the input, (m,): signed where the input is one
+        number, else the root of the sum of squares over its elements.
+        """
+        moved = np.sqrt(self.variance) if self.moved is None else self.moved
+        return moved / self.standard
 
 
 def uncertainty_budget(fit: LeastSquaresFit) -> tuple[Line, ...]:
@@ -184,54 +175,59 @@ def lines(
         Further sources, as columns of the covariance's shared unknowns.
     """
     whole, data = problem.covariance, problem.data
-    budget_lines, first = _repeats(problem, g, scatter, slope), 0
+    listed, first = _repeats(problem, g, scatter, slope), 0
     assumed = whole.variance - trial_variance(data, scatter)
     for part in parts:
-        variance, standard = independent_variance(data, part, slope), part.size(data)
+        standard, variance = part.size(data), independent_variance(data, part, slope)
         assumed = assumed - variance
+        moved = None
         if part.scope in GROUPED:
             which = slice(first, first + int(groups(data, part.scope).max()) + 1)
-            moved, first = g @ whole.shared[:, which], which.stop
-            covariance, without = moved @ moved.T, _less(whole, which)
+            first = which.stop
+            covariance, without = _shared(whole, g, which)
+            if which.stop - which.start == 1:
+                moved = g @ whole.shared[:, which.start]
         else:
-            moved = np.zeros((len(g), 0))
             covariance, without = _independent(whole, g, variance)
-        line = Line.from_contribution(
-            part.name,
-            "A" if part.is_measured else "B",
-            standard,
-            unit=UNITS[part.on],
+        line = Line(
+            component=part.name,
+            kind="A" if part.is_measured else "B",
+            standard=standard,
+            unit=UNITS[part.on][0],
             scope=part.scope,
             distribution=part.distribution,
             covariance=covariance,
             without=without,
+            moved=moved,
         )
-        if moved.shape[1] == 1 and standard > 0:
-            line = replace(line, sensitivity=moved[:, 0] / standard)
-        budget_lines.append(line)
+        listed.append(line)
     # the variance floor, where nothing scatters at all
     if np.any(assumed > 1e-3 * whole.variance):
         covariance, without = _independent(whole, g, np.maximum(assumed, 0.0))
-        budget_lines.append(
-            Line.from_contribution(
-                "least scatter assumed", "A", 1.0, covariance=covariance, without=without
+        listed.append(
+            Line(
+                component="least scatter assumed", kind="A", covariance=covariance, without=without
             )
         )
     for name, which in (further or {}).items():
-        moved = g @ whole.shared[:, which]
-        budget_lines.append(
-            Line.from_contribution(
-                name,
-                "B",
-                1.0,
-                unit="",
-                scope="",
-                distribution="",
-                covariance=moved @ moved.T,
-                without=_less(whole, which),
-            )
-        )
-    return tuple(line for line in budget_lines if line.standard > 0)
+        covariance, without = _shared(whole, g, which)
+        listed.append(replace(repeated(name, covariance), kind="B", without=without))
+    return tuple(line for line in listed if line.standard > 0)
+
+
+def repeated(name: str, covariance: FloatArray) -> Line:
+    """A line without an input of its own: the only one of coefficients whose covariance (p, p)
+    comes from repeats as a whole.
+    """
+    return Line(
+        component=name,
+        kind="A",
+        unit="",
+        scope="",
+        distribution="",
+        covariance=covariance,
+        without=None,
+    )
 
 
 def _independent(
@@ -243,16 +239,96 @@ def _independent(
     return contribution, replace(whole, variance=rest)
 
 
-def _less(whole: Covariance, which: slice) -> Covariance:
-    """The covariance without some of its shared unknowns."""
-    return replace(whole, shared=np.delete(whole.shared, which, axis=1))
+def _shared(whole: Covariance, g: FloatArray, which: slice) -> tuple[FloatArray, Covariance]:
+    """Contribution of some of the shared unknowns, and the covariance without them."""
+    moved = g @ whole.shared[:, which]
+    return moved @ moved.T, replace(whole, shared=np.delete(whole.shared, which, axis=1))
 
 
-def repeated(name: str, u: FloatArray) -> Line:
-    """The only line of coefficients whose uncertainties `u` (p,) come from repeats as a whole."""
-    return Line.from_contribution(
-        name, "A", 1.0, unit="", scope="", distribution="", covariance=np.diag(u**2), without=None
+def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
+    """Lines of the noise within records and of the scatter of trials and visits."""
+    data, whole = problem.data, problem.covariance
+    record2 = (data.u_lift_N / data.lift_N) ** 2
+    contribution = g**2 * record2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
+        dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
+    covariance, without = _independent(whole, g, record2)
+    listed = [
+        Line(
+            component=RECORD_NOISE,
+            kind="A",
+            standard=float(np.sqrt(np.mean(record2))),
+            dof=dof,
+            covariance=covariance,
+            without=without,
+        )
+    ]
+    visit, age = np.unique(data.visit, return_inverse=True)[1], ages(data)
+    height, common = group_sums(g * slope, visit), group_sums(g, visit)
+    relative, less_relative = _independent(whole, g, np.full(data.n, scatter.relative**2))
+    force, less_force = _independent(whole, g, (scatter.force_N / data.lift_N) ** 2)
+    drift = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
+    for kind, scope, unit, standard, each, without in (
+        ("relative", "trial", "1", scatter.relative, relative, less_relative),
+        ("force_N", "trial", "N", scatter.force_N, force, less_force),
+        (
+            "height_m",
+            "visit",
+            "m",
+            scatter.height_m,
+            height @ height.T * scatter.height_m**2,
+            replace(whole, per_visit=np.zeros(data.n)),
+        ),
+        (
+            "common",
+            "visit",
+            "1",
+            scatter.common,
+            common @ common.T * scatter.common**2,
+            replace(whole, common=0.0),
+        ),
+        ("drift", "campaign", "1", scatter.drift_rms, drift, replace(whole, drift=0 * whole.drift)),
+    ):
+        by_size = each if isinstance(each, dict) else {kind: each}
+        sizes = {name: np.diag(c) for name, c in by_size.items()}
+        variance, spread = _scatter_variance(scatter, sizes, len(g))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
+        line = Line(
+            component=NAMES[kind],
+            kind="A",
+            standard=standard,
+            unit=unit,
+            scope=scope,
+            covariance=sum(by_size.values(), np.zeros((len(g), len(g)))),
+            without=without,
+            dof=dof,
+            sizes=sizes,
+        )
+        listed.append(line)
+    return listed
+
+
+def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
+    """G M G' (p, p) of a drift of unit size; `age` (n,) as in `Covariance`, in run order."""
+    memory = np.exp(-np.abs(np.diff(age, prepend=age[:1])))
+    memory[:1] = 0.0
+    one = np.ones((len(age), 1))
+    return np.asarray(
+        g @ semiseparable.product(one, memory[:, None], np.ascontiguousarray(g.T)), dtype=np.float64
     )
+
+
+def _scatter_variance(
+    scatter: Noise, sizes: dict[str, FloatArray], p: int
+) -> tuple[FloatArray, FloatArray]:
+    """Variance due to some components of the scatter, and that of its estimate; (p,) each."""
+    index = [i for i, name in enumerate(scatter.sizes) if name in sizes]
+    variances = np.array([sizes[scatter.sizes[i]] for i in index]).reshape(len(index), p)
+    whole = np.array(scatter.log_covariance).reshape(len(scatter.sizes), len(scatter.sizes))
+    spread = whole[np.ix_(index, index)]
+    return variances.sum(axis=0), 4 * np.einsum("ip,ij,jp->p", variances, spread, variances)
 
 
 def u_without(
@@ -278,92 +354,6 @@ def u_without(
     }
 
 
-def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
-    """Lines of the noise within records and of the scatter of trials and visits."""
-    data, whole = problem.data, problem.covariance
-    record = data.u_lift_N / data.lift_N
-    contribution = g**2 * record**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
-        dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
-    rms = float(np.sqrt(np.mean(record**2)))
-    covariance, without = _independent(whole, g, record**2)
-    within = Line.from_contribution(
-        RECORD_NOISE, "A", rms, dof=dof, covariance=covariance, without=without
-    )
-    visit, age = np.unique(data.visit, return_inverse=True)[1], ages(data)
-    by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
-    drift = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
-    relative = _independent(whole, g, np.full(data.n, scatter.relative**2))
-    force = _independent(whole, g, (scatter.force_N / data.lift_N) ** 2)
-    total_drift = float(np.sqrt(np.sum(np.square(scatter.drift))))
-    listed = [within]
-    for kind, scope, standard, unit, each, without in (
-        ("relative", "trial", scatter.relative, "1", *relative),
-        ("force_N", "trial", scatter.force_N, "N", *force),
-        (
-            "height_m",
-            "visit",
-            scatter.height_m,
-            "m",
-            by_height @ by_height.T * scatter.height_m**2,
-            replace(whole, per_visit=np.zeros(data.n)),
-        ),
-        (
-            "common",
-            "visit",
-            scatter.common,
-            "1",
-            by_common @ by_common.T * scatter.common**2,
-            replace(whole, common=0.0),
-        ),
-        ("drift", "campaign", total_drift, "1", drift, replace(whole, drift=0 * whole.drift)),
-    ):
-        parts = each if isinstance(each, dict) else {kind: each}
-        sizes = {name: np.diag(c) for name, c in parts.items()}
-        variance, known = _scatter_variance(scatter, sizes, len(g))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            dof = np.where(known > 0, 2 * variance**2 / known, scatter.dof)
-        covariance = sum(parts.values(), np.zeros((len(g), len(g))))
-        listed.append(
-            Line.from_contribution(
-                NAMES[kind],
-                "A",
-                standard,
-                unit=unit,
-                scope=scope,
-                covariance=covariance,
-                without=without,
-                dof=dof,
-                sizes=sizes,
-            )
-        )
-    return listed
-
-
-def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
-    """G M G' (p, p) of a drift of unit size; `age` (n,) as in `Covariance`, in run order."""
-    memory = np.exp(-np.abs(np.diff(age, prepend=age[:1])))
-    memory[:1] = 0.0
-    one = np.ones((len(age), 1))
-    return np.asarray(
-        g @ semiseparable.product(one, memory[:, None], np.ascontiguousarray(g.T)), dtype=np.float64
-    )
-
-
-def _scatter_variance(
-    scatter: Noise, sizes: dict[str, FloatArray], p: int
-) -> tuple[FloatArray, FloatArray]:
-    """Variance due to some components of the scatter, and that of its estimate; (p,) each."""
-    names = [name for name in scatter.sizes if name in sizes]
-    index = [scatter.sizes.index(name) for name in names]
-    variances = np.array([sizes[name] for name in names]).reshape(len(names), p)
-    spread = np.array(scatter.log_covariance).reshape(len(scatter.sizes), len(scatter.sizes))[
-        np.ix_(index, index)
-    ]
-    return variances.sum(axis=0), 4 * np.einsum("ip,ij,jp->p", variances, spread, variances)
-
-
 def freedom(
     problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray
 ) -> FloatArray:
@@ -378,17 +368,14 @@ def effective_dof(budget_lines: Sequence[Line], scatter: Noise, p: int) -> Float
     together, so they are combined with their covariance from the fit of the noise. For independent
     components this is the same formula.
     """
-    variance: FloatArray = sum((np.diag(line.covariance) for line in budget_lines), np.zeros(p))
+    variance: FloatArray = sum((line.variance for line in budget_lines), np.zeros(p))
     sizes = {name: size for line in budget_lines for name, size in line.sizes.items()}
     _, spread = _scatter_variance(scatter, sizes, p)
     for line in budget_lines:
         if not line.sizes.keys() & set(scatter.sizes):
-            spread = spread + 2 * np.diag(line.covariance) ** 2 / line.dof
-    return np.where(
-        spread > 0,
-        np.maximum(2 * variance**2 / np.where(spread > 0, spread, 1.0), LEAST_DOF),
-        np.inf,
-    )
+            spread = spread + 2 * line.variance**2 / line.dof
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(spread > 0, np.maximum(2 * variance**2 / spread, LEAST_DOF), np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -414,36 +401,34 @@ class Joint:
     @classmethod
     def from_fit(cls, fit: LeastSquaresFit, which: Sequence[int]) -> Joint:
         """Information on the coefficients `which`, the levels, and all errors that trials share."""
-        problem, data, p = fit.problem, fit.problem.data, len(which)
+        problem, data, first = fit.problem, fit.problem.data, len(which)
         quantities = [
             Quantity(name=fit.names[i], members=slice(k, k + 1), unit=fit.model.parameters[i].unit)
             for k, i in enumerate(which)
         ]
         blocks = [problem.jacobian(fit.theta)[:, list(which)], data.level_columns]
-        first = p + data.unknown_levels
-        quantities.append(Quantity(name="L_inf", members=slice(p, first), scale=100.0, unit="%"))
+        levels = slice(first, first + data.unknown_levels)
+        quantities.append(Quantity(name="L_inf", members=levels, scale=100.0, unit="%"))
+        free = first = levels.stop
         for part in fit.parts:
-            columns = budget.columns(data, part, fit.slope)
+            blocks.append(columns := budget.columns(data, part, fit.slope))
             members = slice(first, first + columns.shape[1])
+            first = members.stop
             if columns.shape[1] and part.standard:
-                scale, unit = SCALES[part.on]
+                _, scale, unit = UNITS[part.on]
                 scale *= part.standard
                 quantities.append(Quantity(name=part.name, members=members, scale=scale, unit=unit))
-            blocks.append(columns)
-            first = members.stop
         alone = replace(problem.covariance, shared=np.zeros((data.n, 0)))
         white = alone.whiten(np.hstack(blocks).T)
-        stated = np.ones(len(white))
-        stated[: p + data.unknown_levels] = 0.0
+        stated = np.r_[np.zeros(free), np.ones(len(white) - free)]
         return cls(trials=white @ white.T, stated=stated, quantities=tuple(quantities))
 
     def covariance(self, times: float = 1.0) -> FloatArray:
         """Covariance (q, q) from `times` as many trials."""
         information = times * self.trials + np.diag(self.stated)
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        inverse: FloatArray = np.linalg.pinv(
-            information / np.outer(size, size), rcond=1e-14, hermitian=True
-        ) / np.outer(size, size)
+        unit = np.outer(size, size)
+        inverse: FloatArray = np.linalg.pinv(information / unit, rcond=1e-14, hermitian=True) / unit
         return inverse
 
 
@@ -462,12 +447,12 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
     covariance, halving = joint.covariance(), {}
     for k, i in enumerate(known):
         scale = float(np.sqrt(fit.covariance[i, i] / covariance[k, k]))
-        listed = [
+        remedies = [
             _remedy(fit.names[i], k, len(known), covariance, quantity, scale)
             for quantity in joint.quantities
             if quantity.members.start != k
         ]
-        worth = [r for r in listed if r.u_best < (1 - WORTH) * r.u]
+        worth = [r for r in remedies if r.u_best < (1 - WORTH) * r.u]
         halving[fit.names[i]] = Halving(
             knowledge=tuple(sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))),
             repeats=_campaigns(fit.names[i], k, joint, scale),
@@ -484,7 +469,7 @@ def _remedy(
     scale: float,
 ) -> Remedy:
     """How a measurement of one quantity would reduce the uncertainty of coefficient `i`."""
-    members, name = quantity.members, quantity.name
+    members, name, single = quantity.members, quantity.name, len(joint[quantity.members]) == 1
     cross, within, whole = joint[i, members], joint[members, members], float(joint[i, i])
     value, vector = np.linalg.eigh(within)
     share = (vector.T @ cross) ** 2
@@ -495,24 +480,19 @@ def _remedy(
 
     best, needed = max(left(0.0), 0.0), float("nan")
     if best < whole / 4:
-        needed = np.sqrt(_crossing(left, whole / 4, -40.0, 40.0)) * quantity.scale
-    single = len(cross) == 1
-    r = (
-        float(cross[0] / np.sqrt(whole * within[0, 0]))
-        if single
-        else float(np.sqrt(max(1 - best / whole, 0.0)))
-    )
+        needed = float(np.sqrt(_crossing(left, whole / 4, -40.0, 40.0))) * quantity.scale
+    r = float(np.sqrt(max(1 - best / whole, 0.0)))
     u, u_best = float(scale * np.sqrt(whole)), float(scale * np.sqrt(best))
-    who = letter(coefficient)
-    what, each = f"the {name} values", name
+    who, what, verb = letter(coefficient), f"the {name} values", "correlates with"
     if single:
+        r = float(cross[0] / np.sqrt(whole * within[0, 0]))
         what = letter(name) if members.start < coefficients else f"the {name}"
-    words = f"With exact {each}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
-    if np.isfinite(needed):
-        size = f"{plain(needed, 2)}{'' if quantity.unit == '1' else f' {quantity.unit}'}"
-        words = f"Knowing {what} independently to {size} would halve u({who})"
-    verb = "is confounded with" if single and abs(r) > TRADES else "correlates with"
+        verb = "is confounded with" if abs(r) > TRADES else verb
     correlation = f"r = {signed(r, 2)}" if single else f"multiple r = {r:.2f}"
+    words = f"With exact {name}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
+    if np.isfinite(needed):
+        size = f"{plain(needed, 2)} {'' if quantity.unit == '1' else quantity.unit}".strip()
+        words = f"Knowing {what} independently to {size} would halve u({who})"
     return Remedy(
         quantity=name,
         r=r,
@@ -532,8 +512,7 @@ def _campaigns(coefficient: str, i: int, joint: Joint, scale: float) -> Repeats:
         return float(joint.covariance(times)[i, i])
 
     whole, limit = variance(1.0), variance(MOST_REPEATS)
-    u, u_limit = scale * whole**0.5, scale * limit**0.5
-    who = letter(coefficient)
+    u, u_limit, who = scale * whole**0.5, scale * limit**0.5, letter(coefficient)
     if limit >= whole / 4:
         text = (
             f"No number of repeats would halve u({who}): shared errors keep it at"
@@ -549,8 +528,7 @@ def _crossing(f: Callable[[float], float], value: float, low: float, high: float
     """Argument at which a monotone `f` has a value, searched between the logarithms given."""
     from scipy.optimize import brentq
 
-    root = brentq(lambda x: f(float(np.exp(x))) - value, low, high, xtol=1e-10)
-    return float(np.exp(root))
+    return float(np.exp(brentq(lambda x: f(float(np.exp(x))) - value, low, high, xtol=1e-10)))
 
 
 def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
@@ -571,31 +549,27 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
     if not known:
         return tuple(pairs)
     p, k = len(known), data.unknown_levels
-    names = [fit.names[i] for i in known]
     covariance = Joint.from_fit(fit, known).covariance()[: p + k, : p + k]
     shown = np.zeros((p + len(data.levels), p + k))
     shown[:p, :p], shown[p:, p:] = np.eye(p), data.shown(np.eye(k))
     correlation = _correlation(shown @ covariance @ shown.T)
-    others = [(names[i], letter(names[i]), i) for i in range(p)]
-    for j, throttle in enumerate(data.levels):
-        level = f"L_inf at {throttle:.0%}"
-        others.append((level, f"{level} throttle", p + j))
-    for other, called, j in others:
-        for i, name in enumerate(names):
+    names = [fit.names[i] for i in known]
+    others = {name: letter(name) for name in names}
+    others |= {f"L_inf at {t:.0%}": f"L_inf at {t:.0%} throttle" for t in data.levels}
+    for j, (other, called) in enumerate(others.items()):
+        for i, name in enumerate(names[:j]):
             r = float(correlation[i, j])
-            if i < j and abs(r) > DEGENERATE:
+            if abs(r) > DEGENERATE:
                 text = f"{letter(name)} and {called} are confounded: r = {signed(r, 3)}"
                 pairs.append(Degeneracy(pair=(name, other), r=r, text=text))
-    free = {"height offset": ("mm", problem.height_slope(fit.theta) / 1000)}
+    pairs += _if_unknown(fit, known, "height offset", problem.height_slope(fit.theta) / 1000, "mm")
     if "n" not in names:
-        free["exponent n"] = "", problem.log_ratio(fit.theta)
-    for other, (unit, column) in free.items():
-        pairs += _if_unknown(fit, known, other, unit, column)
+        pairs += _if_unknown(fit, known, "exponent n", problem.log_ratio(fit.theta))
     return tuple(pairs)
 
 
 def _if_unknown(
-    fit: LeastSquaresFit, known: list[int], other: str, unit: str, column: FloatArray
+    fit: LeastSquaresFit, known: list[int], other: str, column: FloatArray, unit: str = ""
 ) -> Iterator[Degeneracy]:
     """Coefficients that a further unknown with this effect on log lift (n,) would be confounded
     with.

@@ -133,7 +133,7 @@ def undeclared_in(
             UndeclaredInput(
                 on=on,
                 size=size,
-                unit=information.UNITS[on],
+                unit=information.UNITS[on][0],
                 shift=dict(zip(problem.names, shift.tolist(), strict=True)),
             )
         )

@@ -216,7 +216,7 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
     fixed = (value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u)
     lines: tuple[information.Line, ...] = ()
     if problem.independent:
-        lines = (information.repeated(VISITS, u),)
+        lines = (information.repeated(VISITS, np.diag(u**2)),)
     elif p:
         g = information.gain(likelihood, value)
         lines = information.lines(

@@ -67,9 +67,8 @@ def run(job: Job) -> Outcome:
     """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends
     the run with exit code 5.
     """
-    from nearlift.fit.models import fit_boundary
+    from nearlift.fit.models import Fits, fit_boundary
     from nearlift.observed import boundaries, choice, observe
-    from nearlift.results.fit import FitResults
     from nearlift.results.quotation import Results
 
     trials = job.read(TRIALS)
@@ -88,10 +87,11 @@ def run(job: Job) -> Outcome:
     ]
     choices = {b: choice(job.campaign, b) for b in present}
     models = {b: (base, *rivals) for b, (base, rivals) in choices.items()}
-    count, fits, begun = sum(map(len, models.values())), {}, 0
+    count, begun, fits = sum(map(len, models.values())), 0, Fits()
     for boundary, chosen in models.items():
         steps = {m.name: subprogress(job.say, begun + i, count) for i, m in enumerate(chosen)}
-        fits[boundary] = fit_boundary(
+        fit_boundary(
+            fits,
             observe(trials, job.campaign, boundary),
             chosen,
             job.campaign,
@@ -101,28 +101,17 @@ def run(job: Job) -> Outcome:
             say=steps,
         )
         begun += len(chosen)
-    draws = tables.stacked(POSTERIOR, [t for f in fits.values() for t in f.draws])
+    draws = tables.stacked(POSTERIOR, fits.draws)
     job.write(POSTERIOR, draws)
-    job.write(PROFILES, tables.stacked(PROFILES, [t for f in fits.values() for t in f.profiles]))
-    results = FitResults(
-        base={b: f.base for b, f in fits.items()},
-        noise={b: f.noise for b, f in fits.items()},
-        boundaries={b: f.fits for b, f in fits.items()},
-        comparison={b: f.comparison for b, f in fits.items()},
-        failed={b: f.failed for b, f in fits.items() if f.failed},
-        throttle_collapse={b: f.throttle_collapse for b, f in fits.items()},
-        held_quantity={b: f.held_quantity for b, f in fits.items()},
-        rotor_coefficient={b: f.rotor_coefficient for b, f in fits.items()},
-        influence={b: f.influence for b, f in fits.items()},
-    )
-    job.write_json(FIT, results)
-    job.write_json(RESULTS, Results(boundaries={b: f.quoted for b, f in fits.items()}))
+    job.write(PROFILES, tables.stacked(PROFILES, fits.profiles))
+    job.write_json(FIT, fits.results)
+    job.write_json(RESULTS, Results(boundaries=fits.quoted))
     if job.campaign.fit.netcdf:
-        write_netcdf(job, draws, results)
+        write_netcdf(job, draws, fits.results)
     else:
         # draws of an earlier fit would be taken for this one's
         job.put("processed/posterior.nc", None)
-    return Outcome(notes=tuple(note for f in fits.values() for note in f.notes))
+    return Outcome(notes=tuple(fits.notes))
 
 
 def write_netcdf(job: Job, draws: tables.Table, results: FitResults) -> str:

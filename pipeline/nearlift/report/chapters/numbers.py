@@ -8,7 +8,7 @@ from dataclasses import replace
 from markupsafe import Markup
 
 from nearlift.declare import Boundary
-from nearlift.fit.information import SCALES
+from nearlift.fit.information import UNITS
 from nearlift.likelihood import budget as stated
 from nearlift.report import blocks, tables, words
 from nearlift.report.evidence import Evidence
@@ -194,7 +194,7 @@ def noise(evidence: Evidence) -> Markup:
     components = []
     for c in stated.components(evidence.campaign):
         if not c.is_measured:
-            scale, unit = SCALES[c.on]
+            _, scale, unit = UNITS[c.on]
             size = f"{plain(scale * c.standard, 3)} {unit}"
             components.append((c.name, c.on, size, c.distribution, c.scope))
     return blocks.join(
