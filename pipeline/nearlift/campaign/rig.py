@@ -79,18 +79,14 @@ class Vehicle(Section):
     throttle_map: ThrottleMap | None = None
 
     @model_validator(mode="after")
-    def _rotors_do_not_overlap(self) -> Self:
+    def _possible(self) -> Self:
         spacing, diagonal, r = self.rotor_spacing, self.rotor_diagonal, self.rotor_radius
-        if spacing is not None and spacing < 2 * r:
-            raise ValueError(
-                f"rotor_spacing {spacing:g} m is less than two radii: neighbouring rotors would"
-                " overlap"
-            )
-        if spacing is not None and spacing > WIDEST * r:
-            raise ValueError(
-                f"rotor_spacing {spacing:g} m is {spacing / r:.3g} radii of {r:g} m; no vehicle is"
-                " so wide: correct one of them, or its unit"
-            )
+        if spacing is not None and not 2 * r <= spacing <= WIDEST * r:
+            why = "no vehicle is so wide: correct one of them, or its unit"
+            if spacing < 2 * r:
+                why = "less than two: neighbouring rotors would overlap"
+            ratio = f"{spacing / r:.3g} radii of {r:g} m"
+            raise ValueError(f"rotor_spacing {spacing:g} m is {ratio}; {why}")
         if diagonal is not None and spacing is not None and diagonal < spacing:
             raise ValueError(
                 f"rotor_diagonal {diagonal:g} m is less than rotor_spacing {spacing:g} m; the"
@@ -117,24 +113,23 @@ class Vehicle(Section):
         r, n = self.rotor_radius, self.rotors
         if self.rotor_spacing is not None and n > 1:
             known["spacing_hat"] = self.rotor_spacing / r
-        if self.diagonal is not None and n > 1:
-            known["diagonal_hat"] = self.diagonal / r
-        if self.rotor_positions is not None:
-            known["layout_hat"] = np.asarray(self.rotor_positions) / r
-        elif n == 1:
-            known["layout_hat"] = np.zeros((1, 2))
-        elif self.rotor_spacing is not None:
             # a regular polygon whose side is the adjacent spacing
             angles = 2 * math.pi * (np.arange(n) + 0.5) / n
             circumradius = known["spacing_hat"] / (2 * math.sin(math.pi / n))
             known["layout_hat"] = circumradius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        if self.diagonal is not None and n > 1:
+            known["diagonal_hat"] = self.diagonal / r
+        if n == 1:
+            known["layout_hat"] = np.zeros((1, 2))
+        if self.rotor_positions is not None:
+            known["layout_hat"] = np.asarray(self.rotor_positions) / r
         return known
 
 
 #: Placeholder of a record's id in ``[records] files`` if records are cut into trials.
 RECORD_MARK = "{record}"
-#: Reference planes of a distance.
-DATUMS = ("rotor plane", "airframe", "blade tip", "rotor axis")
+#: Reference plane of a distance.
+Datum = Literal["rotor plane", "airframe", "blade tip", "rotor axis"]
 #: Acceleration of free fall, m/s^2, with room for rounding.
 GRAVITY = (9.7, 9.9)
 
@@ -147,7 +142,7 @@ class Rig(Section):
     """
 
     held: Literal["throttle", "voltage", "rpm", "power"]
-    distance_datum: str | dict[Boundary, str]
+    distance_datum: Datum | dict[Boundary, Datum]
     distance_offset: Length | dict[Boundary, Length]
     arena: PositiveLength | None = None
     gap: PositiveLength | None = None
@@ -156,11 +151,7 @@ class Rig(Section):
     gravity: Acceleration
 
     @model_validator(mode="after")
-    def _known_datums(self) -> Self:
-        given = self.distance_datum
-        for datum in given.values() if isinstance(given, dict) else (given,):
-            if datum not in DATUMS:
-                raise ValueError(f"distance_datum {datum!r} is none of {', '.join(DATUMS)}")
+    def _possible(self) -> Self:
         if not GRAVITY[0] <= self.gravity <= GRAVITY[1]:
             raise ValueError(
                 f"gravity {self.gravity:g} m/s^2 is not of this Earth: it is 9.76 to 9.84 there;"
@@ -175,21 +166,20 @@ class Rig(Section):
 
     def offset(self, boundary: Boundary) -> float:
         """Datum to rotor plane, m, added to every recorded distance."""
-        return float(_by_boundary(self.distance_offset, boundary, "rig.distance_offset"))
+        return float(self._of("distance_offset", boundary))
 
     def datum(self, boundary: Boundary) -> str:
         """Reference plane of the distance to that boundary."""
-        return str(_by_boundary(self.distance_datum, boundary, "rig.distance_datum"))
+        return str(self._of("distance_datum", boundary))
 
-
-def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
-    if not isinstance(value, dict):
-        return value
-    if boundary not in value:
-        raise ManifestError(
-            key, f"has no entry for the {boundary}", f"add {boundary} = ... to the table"
-        )
-    return value[boundary]
+    def _of(self, key: str, boundary: Boundary) -> Any:
+        value = getattr(self, key)
+        if not isinstance(value, dict):
+            return value
+        if boundary not in value:
+            what = f"has no entry for the {boundary}"
+            raise ManifestError(f"rig.{key}", what, f"add {boundary} = ... to the table")
+        return value[boundary]
 
 
 class LoadCell(Section):
@@ -218,20 +208,14 @@ class Calibration(Section):
         force, _, per = self.gain.rpartition("/")
         gain, unit = units.measure(force)
         zero, counted = units.measure(self.offset)
+        key = "records.force.calibration"
         if not gain or len(unit.split()) != 1 or per.strip() != "count":
-            raise ManifestError(
-                "records.force.calibration.gain",
-                f"{self.gain!r} is not a force per count",
-                'write it as "0.0098 mN/count"',
-            )
+            what = f"{self.gain!r} is not a force per count"
+            raise ManifestError(f"{key}.gain", what, 'write it as "0.0098 mN/count"')
         if zero is None or counted != "count":
-            raise ManifestError(
-                "records.force.calibration.offset",
-                f"{self.offset!r} is not a number of counts",
-                'write it as "120 count"',
-            )
-        factor, _ = units.to_si(unit, "force", "records.force.calibration.gain")
-        return gain * factor, zero
+            what = f"{self.offset!r} is not a number of counts"
+            raise ManifestError(f"{key}.offset", what, 'write it as "120 count"')
+        return gain * units.to_si(unit, "force", f"{key}.gain")[0], zero
 
 
 class ForceChannel(Section):
@@ -250,23 +234,16 @@ class ForceChannel(Section):
 
     def linear(self) -> tuple[float, float]:
         """Factor and zero of lift in N = factor * (number - zero), the sign included."""
-        if self.unit == "count":
-            if self.calibration is None:
-                raise ManifestError(
-                    "records.force",
-                    'unit = "count" without a calibration',
-                    'add calibration = { gain = "... mN/count", offset = "... count" }',
-                )
-            gain, zero = self.calibration.linear()
-            return self.sign * gain, zero
-        if self.calibration is not None:
-            raise ManifestError(
-                "records.force",
-                f"a calibration with unit = {self.unit!r}",
-                'a calibration goes with unit = "count"',
-            )
-        factor, _ = units.to_si(self.unit, "force", "records.force.unit")
-        return self.sign * factor, 0.0
+        if self.unit != "count" and self.calibration is None:
+            return self.sign * units.to_si(self.unit, "force", "records.force.unit")[0], 0.0
+        what, remedy = f"a calibration with unit = {self.unit!r}", "a calibration goes with counts"
+        if self.calibration is None:
+            what = 'unit = "count" without a calibration'
+            remedy = 'add calibration = { gain = "... mN/count", offset = "... count" }'
+        if self.calibration is None or self.unit != "count":
+            raise ManifestError("records.force", what, remedy)
+        gain, zero = self.calibration.linear()
+        return self.sign * gain, zero
 
 
 class TimeChannel(Section):
