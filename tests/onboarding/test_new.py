@@ -21,13 +21,6 @@ from nearlift.stages.ingest import TRIALS
 FORCE = [float(x) for x in np.round(np.linspace(0.1, 3, 60), 3)]
 
 
-def record(rest_s: float, rise_s: float, rate: float, seed: int, length_s: float = 4.0):
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(length_s * rate)) / rate
-    rise = 1 - np.exp(-np.maximum(t - rest_s, 0) / max(rise_s, 1e-9))
-    return t, 300 * np.where(t >= rest_s, rise, 0) + rng.normal(0, 1.0, len(t)) - 12
-
-
 TABLE = "surface;distance_cm;pwm;rpm_mean;fz_n\n" + "".join(
     f"ceiling;{d};{p};2000,5;{(p - 1000) / 100 * (1 + 0.3 / d):.3f}\n".replace(".", ",")
     for d in (5, 10, 20, 40)
@@ -56,14 +49,6 @@ def test_a_table_of_means_becomes_a_campaign_of_means(tmp_path):
     assert rows[0] == "trial,boundary,distance,throttle,rpm,lift"
     assert rows[1] == "1,ceiling,5,1100,2000.5,1.060"
     assert len(rows) == 13
-
-
-def test_what_every_row_lacks_is_filled_in_once(tmp_path):
-    plain = "\n".join(line.partition(";")[2] for line in TABLE.splitlines())
-    path = written.put(tmp_path, "table.csv", plain.encode() + b"\n")
-    assert nearlift("new", tmp_path / "c", "--from", path).exit_code == 0
-    manifest = tomllib.loads((tmp_path / "c" / "campaign.toml").read_text())
-    assert manifest["trials"]["constants"] == {"boundary": "FILL IN"}
 
 
 def test_a_schedule_without_its_manifest_gets_one_and_stays(tmp_path):
@@ -252,7 +237,7 @@ def test_new_refuses_a_mixture(tmp_path):
 def test_new_takes_along_what_records_and_lists_hold(tmp_path: Path) -> None:
     (tmp_path / "rig").mkdir()
     for k in range(3):
-        t, force = record(1.0, 0.02, 100, k)
+        t, force = sweeps.started(1.0, 0.02, 100, k)
         own = {"t_s": t, "thrust_g": force, "Voltage (V)": np.full(len(t), 16.0 - 0.5 * k)}
         (tmp_path / "rig" / f"r{k}.csv").write_text(sweeps.text_of(own))
     lines = "".join(f"r{k}.csv,ground,{20 + k},50,{1 + k}\n" for k in range(3))
@@ -280,18 +265,3 @@ def test_every_new_manifest_asks_how_well_radius_and_spacing_are_known(tmp_path)
         text = (tmp_path / str(i) / "campaign.toml").read_text()
         for on in ("rotor_radius", "rotor_spacing"):
             assert re.search(rf'# on    = "{on}".*\n# value = "FILL IN percent"', text)
-
-
-def test_a_long_table_of_parquet_becomes_a_campaign(tmp_path: Path) -> None:
-    small_run.write(tmp_path / "c", form="parquet")
-    table = tmp_path / "c" / "records.parquet"
-    answer = nearlift("new", tmp_path / "new", "--from", table)
-    assert answer.exit_code == 0, answer.output
-    made = (tmp_path / "new" / "campaign.toml").read_text()
-    assert 'reader = "parquet"' in made
-    assert 'files  = "records.parquet"' in made
-    listed = (tmp_path / "new" / "trials.csv").read_text().splitlines()
-    own = (tmp_path / "c" / "trials.csv").read_text().splitlines()
-    assert [line.split(",")[0] for line in listed[1:]] == sorted(
-        line.split(",")[0] for line in own[1:]
-    )

@@ -84,16 +84,9 @@ def test_names_proposed_for_numbers_without_names_are_read_by_the_same_reader(
     assert nearlift("inspect", path, "--dialect", text).exit_code == 0
 
 
-def record(rest_s: float, rise_s: float, rate: float, seed: int, length_s: float = 4.0):
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(length_s * rate)) / rate
-    rise = 1 - np.exp(-np.maximum(t - rest_s, 0) / max(rise_s, 1e-9))
-    return t, 300 * np.where(t >= rest_s, rise, 0) + rng.normal(0, 1.0, len(t)) - 12
-
-
 def test_new_proposes_a_tare_and_settling_with_a_margin(tmp_path: Path) -> None:
     for k in range(8):
-        t, force = record(1.0 + 0.02 * (k % 3), 0.05, 100, k)
+        t, force = sweeps.started(1.0 + 0.02 * (k % 3), 0.05, 100, k)
         (tmp_path / "rig").mkdir(exist_ok=True)
         (tmp_path / "rig" / f"r{k}.csv").write_text(
             sweeps.text_of({"t_s": np.round(t, 4), "thrust_g": np.round(force, 3)})

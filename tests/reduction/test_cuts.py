@@ -117,15 +117,6 @@ def test_samples_without_a_number_do_not_part_a_plateau() -> None:
     assert cuts.by_change(np.empty(0), 0.3, 10) == []
 
 
-def test_the_settling_of_a_lag_is_gone_after_five_time_constants() -> None:
-    """What is left of a step of 1 N is below a tenth of the mean's own standard error."""
-    rate, lag, n = 80.0, 0.1, 320
-    after = np.exp(-np.arange(n) / rate / lag)
-    left = after[round(5 * lag * rate) :]
-    noise = 0.05
-    assert left.mean() < 0.1 * noise / np.sqrt(len(left))
-
-
 def test_the_longest_shortest_keeps_half() -> None:
     edges = [(0, 10), (10, 100), (100, 112), (112, 200)]
     shortest = cuts.longest_shortest(edges, 5)

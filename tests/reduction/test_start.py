@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.unit import sweeps
 
 from nearlift.reduction.start import start_of, wrap_of
-
-
-def record(rest_s: float, rise_s: float, rate: float, seed: int, length_s: float = 4.0):
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(length_s * rate)) / rate
-    rise = 1 - np.exp(-np.maximum(t - rest_s, 0) / max(rise_s, 1e-9))
-    return t, 300 * np.where(t >= rest_s, rise, 0) + rng.normal(0, 1.0, len(t)) - 12
 
 
 @pytest.mark.parametrize(
     ("rest", "rise", "rate"), [(1.0, 0.0, 80), (1.0, 0.1, 80), (0.5, 0.02, 1000), (2.0, 0.2, 10)]
 )
 def test_the_start_of_the_rotors_is_measured(rest: float, rise: float, rate: float) -> None:
-    _, force = record(rest, rise, rate, 1, 8.0)
+    _, force = sweeps.started(rest, rise, rate, 1, 8.0)
     force[5] = 8e6
     found = start_of(force, rate)
     assert found is not None
@@ -30,7 +24,7 @@ def test_the_start_of_the_rotors_is_measured(rest: float, rise: float, rate: flo
 
 
 def test_a_counter_that_wraps_is_said_and_no_other_step() -> None:
-    _, force = record(1.0, 0.0, 80, 2)
+    _, force = sweeps.started(1.0, 0.0, 80, 2)
     assert wrap_of(force) is None
     wrapped = np.where(np.arange(len(force)) >= 120, force - 39946, force)
     assert wrap_of(wrapped) == pytest.approx(39946, rel=0.02)

@@ -97,3 +97,13 @@ def write(
         (folder / "sweeps" / f"r{k}.csv").write_text(text_of(sweep(z_hat, rng, throttles)))
     (folder / "records.csv").write_text("\n".join(rows) + "\n")
     return folder
+
+
+def started(
+    rest_s: float, rise_s: float, rate_Hz: float, seed: int, length_s: float = 4.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and the force of rotors that start after some rest with an exponential rise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(length_s * rate_Hz)) / rate_Hz
+    rise = 1 - np.exp(-np.maximum(t - rest_s, 0) / max(rise_s, 1e-9))
+    return t, 300 * np.where(t >= rest_s, rise, 0) + rng.normal(0, 1.0, len(t)) - 12
