@@ -2,7 +2,7 @@
 
 import sys
 
-from nearlift.errors import INTERRUPTED
+from nearlift.errors import INTERRUPTED, InputRefused
 
 
 def main() -> None:
@@ -11,7 +11,12 @@ def main() -> None:
         from nearlift.cli import main as commands
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
-    commands()
+    try:
+        commands()
+    except OSError as fault:
+        # the help or the version on a full disk; commands answer themselves
+        sys.stderr.write(f"error: {fault}\n")
+        sys.exit(InputRefused.exit_code)
 
 
 if __name__ == "__main__":

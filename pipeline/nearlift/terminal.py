@@ -265,16 +265,20 @@ def interruptible() -> Iterator[None]:
 def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
     """Run the stale stages of a campaign, or `only` one, and exit with the contract's code."""
     from nearlift.run import engine
-    from nearlift.stages import looks
 
     if call.executor.startswith("dask"):
         execute_many(call, (campaign,), only)
     wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)
     steps: list[Step] = []
+    snapshots: list[dict[str, str]] = []
     with call.job(campaign, call.executor) as job:
-        before = looks.snapshot(job)
 
         def begin(stage: Stage, why: str) -> None:
+            # a run that does nothing reads no product
+            from nearlift.stages import looks
+
+            if not snapshots:
+                snapshots.append(looks.snapshot(job))
             if stage.name == "ingest":
                 size = bytes_text(sum(size for size, _ in job.stamps.values()))
                 why = f"{why}; {len(job.stamps)} files with {size}"
@@ -289,14 +293,18 @@ def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
                 for note in step.outcome.notes:
                     call.line(f"  note: {note}")
                 steps.append(step)
-        after = looks.snapshot(job)
+        if snapshots:
+            from nearlift.stages import looks
+
+            snapshots.append(looks.snapshot(job))
     rejected = [trial for step in steps for trial in step.outcome.rejected]
     _list_rejected(call, rejected)
     report = job.reports / "index.html"
     reported = report.is_file() and wanted[-1].report
     if reported:
         call.line(f"\n{(job.reports / 'summary.txt').read_text(encoding='utf-8')}")
-    if before:
+    before, after = snapshots or ({}, {})
+    if before or not snapshots:
         both = [(key, now, before.get(key, "none")) for key, now in after.items()]
         changes = [f"  {key}: {now} (was {was})" for key, now, was in both if now != was]
         summary = "changed since the last run:" if changes else "unchanged since the last run"

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 INTERRUPTED = """
 import os, signal, sys
@@ -23,3 +26,16 @@ main()
 def test_an_interrupt_during_imports_ends_quietly():
     ended = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, timeout=60)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full device here")
+def test_a_version_that_cannot_be_written_ends_with_a_message():
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "nearlift", "--version"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            timeout=60,
+        )
+    assert (ended.returncode, b"No space left" in ended.stderr) == (4, True)
+    assert b"Traceback" not in ended.stderr

@@ -248,7 +248,9 @@ def read_table(path: Path, product: Product) -> Table:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(pa.BufferReader(product_bytes(path)), page_checksum_verification=True)
+        # on this thread: those of the library can abort an interpreter that ends soon after
+        file = pa.BufferReader(product_bytes(path))
+        table = pq.ParquetFile(file, page_checksum_verification=True).read(use_threads=False)
         stated = (table.schema.metadata or {}).get(b"schema", b"none").decode()
         columns = {name: np.array(table[name]) for name in table.column_names}
     except (pa.ArrowException, OSError, ValueError) as fault:
