@@ -22,17 +22,17 @@ def small(small_job):
     return gather(small_job)
 
 
-def with_draws(small, K_b, level_N):
-    """The small campaign's ground with these draws of the base model's posterior."""
+def with_draws(small, boundary, model, **values):
+    """One boundary of the small campaign, with these draws of the base model's posterior."""
     table = {
-        "boundary": np.full(2 * N, "ground", dtype=object),
-        "model": np.full(2 * N, "sanchez_cuevas", dtype=object),
-        "parameter": np.repeat(np.array(["K_b", "L_inf_N[0.5]"], dtype=object), N),
-        "value": np.concatenate([K_b, np.broadcast_to(level_N, N)]),
+        "boundary": np.full(N * len(values), boundary, dtype=object),
+        "model": np.full(N * len(values), model, dtype=object),
+        "parameter": np.repeat(np.array([*values], dtype=object), N),
+        "value": np.concatenate([np.broadcast_to(x, N) for x in values.values()]),
     }
     fitted = small.document(FIT)
-    ground = fitted | {"boundaries": {"ground": fitted["boundaries"]["ground"]}}
-    documents = {FIT.file: ground, RESULTS.file: small.document(RESULTS)}
+    alone = fitted | {"boundaries": {boundary: fitted["boundaries"][boundary]}}
+    documents = {FIT.file: alone, RESULTS.file: small.document(RESULTS)}
     return dataclasses.replace(small, tables={POSTERIOR.file: table}, documents=documents)
 
 
@@ -40,26 +40,28 @@ def spread(seed=1, sd=0.3):
     return np.random.default_rng(seed).normal(2.0, sd, N)
 
 
-def test_the_table_holds_the_draws_that_are_drawn(small):
-    x, level = spread(), 0.5 + 0.01 * spread(2)
-    evidence = with_draws(small, x, level)
+def test_the_table_holds_the_draws_of_the_parameters(small):
+    a, lambda_ = spread(), spread() + spread(2)
+    values = {"a": a, "lambda_": lambda_, "L_inf_N[0.5]": 0.5}
+    evidence = with_draws(small, "sidewall", "sidewall_decay", **values)
     table = corner.table(evidence)
-    mine = table[table["name"] == "K_b"]
+    mine = table[table["name"] == "a"]
     assert len(mine) == min(N, corner.MOST_DRAWS)
-    np.testing.assert_array_equal(mine["value"], x[mine["draw"].astype(int)])
-    assert set(table["name"]) == {"K_b", "L_inf_mN[0.5]"}
-    r = plain(np.corrcoef(x, level)[0, 1], 2)
-    assert f"strongest correlation {r}, of K_b and L∞ at 50 %" in corner.caption(evidence, table)
+    np.testing.assert_array_equal(mine["value"], a[mine["draw"].astype(int)])
+    assert set(table["name"]) == {"a", "lambda_"}
+    r = plain(np.corrcoef(a, lambda_)[0, 1], 2)
+    assert f"strongest correlation {r}, of a and λ" in corner.caption(evidence, table)
 
 
 @pytest.mark.parametrize("value", [0.0, 2.0])
 def test_the_corner_plot_survives_a_parameter_without_spread(small, value):
-    table = corner.table(with_draws(small, np.full(N, value), 0.5))
-    assert render(corner.draw, table, Style())["png"].startswith(b"\x89PNG")
+    evidence = with_draws(small, "sidewall", "sidewall_decay", a=value, lambda_=spread())
+    made = render(corner.draw, corner.table(evidence), Style())
+    assert made["png"].startswith(b"\x89PNG")
 
 
 def test_a_band_holds_the_share_of_curves_that_it_says(small):
-    evidence = with_draws(small, spread(), 0.5)
+    evidence = with_draws(small, "ground", "sanchez_cuevas", K_b=spread())
     model = catalogue.model("sanchez_cuevas")
     known = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
     z = np.array([0.2, 1.2, 3.0])

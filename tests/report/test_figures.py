@@ -20,7 +20,7 @@ from tests.unit.manifests import raw_manifest
 from nearlift.campaign import manifest
 from nearlift.errors import ManifestError
 from nearlift.report.evidence import pick
-from nearlift.report.figures import corner, fig2, files, residuals, style
+from nearlift.report.figures import fig2, files, residuals, style
 from nearlift.report.figures.fig2 import force_unit
 from nearlift.report.registry import FIGURES
 from nearlift.stages.fit import FIT, POSTERIOR, PROFILES
@@ -196,9 +196,3 @@ def test_distances_in_millimetres_move_the_axis_and_nothing_else(small_job, tabl
 def test_forces_are_shown_in_the_unit_that_is_asked_for(make_job, unit, factor):
     evidence = gather(make_job(boundaries=("ground",), report={"units": {"force": unit}}))
     assert force_unit(evidence) == (pytest.approx(factor), unit)
-    shown = corner.draws(evidence, "ground")
-    [level] = [name for name in shown if name.startswith("L_inf_")]
-    assert level.partition("[")[0] == f"L_inf_{unit}"
-    draws = evidence.frame(POSTERIOR, boundary="ground", model="sanchez_cuevas")
-    mine = pick(draws, parameter=f"L_inf_N[{level.partition('[')[2]}")
-    np.testing.assert_allclose(shown[level], factor * mine["value"])

@@ -1,11 +1,8 @@
-"""Corner plots: the quoted coefficients, or before a diagnosis the base model's parameters and one
-throttle's L_inf.
-"""
+"""Corner plots: the quoted coefficients, or before a diagnosis the base model's parameters."""
 
 from __future__ import annotations
 
 import importlib
-import re
 import sys
 from typing import Any
 
@@ -14,7 +11,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from nearlift import units
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.report.evidence import Evidence, frame
@@ -28,36 +24,22 @@ from nearlift.stages.fit import FIT, POSTERIOR
 COLUMNS = ("panel", "name", "draw", "value")
 #: Draws that are drawn, evenly chosen.
 MOST_DRAWS = 4000
-#: L_inf of a throttle, with the unit in which it is shown.
-LEVEL = re.compile(r"L_inf_(\w+)\[(.+)\]")
 #: Largest width of a panel, in inches.
 MAX_PANEL_IN = 2.5
 SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
 def draws(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
-    """Draws of the quoted coefficients, a column each.
-
-    Where there are none, of the base model: its parameters, and L_inf at the highest throttle, in
-    mN unless the manifest asks for another unit.
+    """Draws of the quoted coefficients, a column each; where there are none, of the parameters of
+    the base model.
     """
+    long = pd.DataFrame()
     if evidence.has(QUOTED_POSTERIOR):
         long = evidence.frame(QUOTED_POSTERIOR, boundary=boundary)
-        if len(long):
-            return _wide(long)
-    model, _ = evidence.base(boundary)
-    wide = _wide(evidence.frame(POSTERIOR, boundary=boundary, model=model.name))
-    levels = [str(name) for name in wide if str(name).startswith("L_inf_N")]
-    unit = evidence.campaign.report.units.force
-    unit = "mN" if unit == "auto" else unit
-    shown = wide.drop(columns=levels)
-    for name in levels[-1:]:
-        newtons = units.to_si(unit, "force", "report.units.force")[0]
-        shown[name.replace("_N[", f"_{unit}[")] = wide[name] / newtons
-    return shown
-
-
-def _wide(long: pd.DataFrame) -> pd.DataFrame:
+    if long.empty:
+        model, _ = evidence.base(boundary)
+        long = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)
+        long = long[long["parameter"].isin([p.name for p in model.parameters])]
     each = long.groupby("parameter", sort=False)["value"]
     return pd.DataFrame({str(name): x.to_numpy() for name, x in each})
 
@@ -86,15 +68,10 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
         r = np.nan_to_num(np.tril(wide.corr().to_numpy(), -1))
         if r.any():
             i, j = divmod(int(np.argmax(np.abs(r))), len(r))
-            names = " and ".join(_word(str(wide.columns[k])) for k in (j, i))
+            names = " and ".join(letter(str(wide.columns[k])) for k in (j, i))
             text += f"; strongest correlation {plain(float(r[i, j]), 2)}, of {names}"
         parts.append(f"{text}.")
     return " ".join(parts)
-
-
-def _word(name: str) -> str:
-    level = LEVEL.fullmatch(name)
-    return f"L∞ at {100 * float(level[2]):.3g} %" if level else letter(name)
 
 
 def _corner() -> Any:
@@ -107,12 +84,6 @@ def _corner() -> Any:
     finally:
         if absent:
             del sys.modules["arviz"]
-
-
-def _label(name: object) -> str:
-    level = LEVEL.fullmatch(str(name))
-    shown = rf"$L_\infty$ at {100 * float(level[2]):.3g} % ({level[1]})" if level else ""
-    return shown or style.labelled(str(name))
 
 
 def draw(table: pd.DataFrame, look: Style) -> Figure:
@@ -132,7 +103,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
         # a parameter without spread still has a place
         room = (1e-3 * draws.mean().abs().clip(lower=1e-6)).where(low == high, 0.0)
         corner.corner_impl(
-            draws.to_numpy(), fig=block, labels=[_label(name) for name in draws],
+            draws.to_numpy(), fig=block, labels=[style.labelled(str(name)) for name in draws],
             levels=(0.5, 0.9, 0.99), range=list(zip(low - room, high + room, strict=True)),
             color=SERIES[0][0], bins=30, smooth=1.0, plot_datapoints=False, max_n_ticks=3,
             label_kwargs={"fontsize": TEXT_PT}, quiet=True,

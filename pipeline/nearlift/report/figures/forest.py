@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from nearlift.likelihood import student
 from nearlift.nomenclature import VERDICTS
 from nearlift.report.evidence import Part, frame, groups, pick, records
 from nearlift.report.figures import style
@@ -21,8 +22,6 @@ from nearlift.results.comparison import CampaignComparison
 from nearlift.results.estimate import Estimate
 from nearlift.rounding import like
 
-#: A 90 % interval of a normal is so many standard deviations wide.
-WIDTH_90 = 3.289707253902945
 COLUMNS = (
     *("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict"),
     *("value", "lo90", "hi90"),
@@ -50,7 +49,7 @@ def table(comparison: CampaignComparison) -> pd.DataFrame:
 
 def interval(value: float, low: float, high: float) -> str:
     """``2.00 (1.84 to 2.16)``: a value and its 90 % interval."""
-    u = (high - low) / WIDTH_90
+    u = (high - low) / (2 * student.NORMAL_90)
     return f"{like(value, u)} ({like(low, u)} to {like(high, u)})"
 
 

@@ -7,8 +7,6 @@ trial in the noise model.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -16,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import Boundary
 from nearlift.likelihood import noise
 from nearlift.likelihood.problem import height_slope, usable
 from nearlift.nomenclature import SCHEDULE_WORDS
@@ -27,7 +25,6 @@ from nearlift.report.figures import style
 from nearlift.report.figures.binning import abscissa, bins, columns, means, shown_x
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
-from nearlift.results import Observations
 from nearlift.stages.diagnose import LOOP_RESIDUALS
 from nearlift.stages.fit import FIT
 from nearlift.stages.ingest import TRIALS
@@ -47,33 +44,23 @@ ORDER = (
 LOOKS = {"base": SERIES[1], "bin": SERIES[2]}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Residuals:
-    """Trials within the base model's range and their relative residuals, (n,).
+def residuals(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
+    """Trials within the base model's range with their relative residuals, a row each.
 
-    `base` is the residual of the base model, None where it is quoted. `sigma` is the standard
-    deviation expected of each.
+    Columns: `trial`; `quoted`, the residual of the quoted model; `base`, that of the base model
+    where another one is quoted; `sigma`, the standard deviation expected; every covariate.
     """
-
-    data: Observations
-    quoted: FloatArray
-    base: FloatArray | None
-    sigma: FloatArray
-
-
-def residuals(evidence: Evidence, boundary: Boundary) -> Residuals:
-    """Residuals of one boundary."""
     model, fit = evidence.base(boundary)
     data = evidence.observations[boundary]
     data = data.take(usable(model, data))
-    quoted, base = curves.log_residual(model, fit, data), None
     kept, diagnosed = evidence.fits.noise[boundary], evidence.diagnosed(boundary)
+    rows: Part = {"quoted": curves.log_residual(model, fit, data)}
     if diagnosed and evidence.quoted(boundary).effects and evidence.has(LOOP_RESIDUALS):
         loop = evidence.frame(LOOP_RESIDUALS, boundary=boundary).set_index("trial")
         base, quoted = loop[["before", "after"]].reindex(data.trial).to_numpy(dtype=float).T
-        kept = diagnosed.noise
+        rows, kept = {"quoted": quoted, "base": base}, diagnosed.noise
     sigma = noise.trial_covariance(data, kept, height_slope(model, data, fit.values)).sigma
-    return Residuals(data=data, quoted=quoted, base=base, sigma=sigma)
+    return pd.DataFrame({**columns(data), "trial": data.trial, "sigma": sigma, **rows})
 
 
 def table(evidence: Evidence, every: bool = False) -> pd.DataFrame:
@@ -88,15 +75,13 @@ def table(evidence: Evidence, every: bool = False) -> pd.DataFrame:
     parts: list[Part] = []
     shown = _on_paper(evidence)
     for boundary in evidence.boundaries:
-        drawn = residuals(evidence, boundary)
-        varying = {
-            name: x
-            for name, x in columns(drawn.data).items()
-            if len(np.unique(x[np.isfinite(x)])) > 1 and (every or name in shown)
-        }
+        trials = residuals(evidence, boundary)
+        covariates = trials.drop(columns=["trial", "sigma", "quoted", "base"], errors="ignore")
+        levels = covariates.where(np.isfinite(covariates)).nunique()
+        varying = [str(n) for n in levels.index[levels > 1] if every or n in shown]
         for name in sorted(varying, key=lambda n: ORDER.index(n) if n in ORDER else len(ORDER)):
             panel = {"panel": boundary, "covariate": name}
-            parts += [{**panel, **part} for part in _panel(drawn, varying[name])]
+            parts += [{**panel, **part} for part in _panel(trials, name)]
     return frame(parts, COLUMNS)
 
 
@@ -112,17 +97,17 @@ def _on_paper(evidence: Evidence) -> set[str]:
     return names
 
 
-def _panel(drawn: Residuals, x: FloatArray) -> list[Part]:
-    keep = np.isfinite(x) & np.isfinite(drawn.quoted)
-    x, quoted, sigma = x[keep], 100 * drawn.quoted[keep], 100 * drawn.sigma[keep]
-    label, trial = bins(x), drawn.data.trial[keep]
-    parts: list[Part] = [{"kind": "trial", "trial": trial, "x": x, "residual_percent": quoted}]
-    each = {"bin": quoted} | ({} if drawn.base is None else {"base": 100 * drawn.base[keep]})
-    for kind, residual in each.items():
-        count, centre, mean, error = means(x, residual, label)
-        values = {"residual_percent": mean, "u_residual_percent": error, "n_trials": count}
-        parts.append({"kind": kind, "x": centre, **values})
-    expected = np.sqrt(np.bincount(label, sigma**2) / np.bincount(label))
+def _panel(trials: pd.DataFrame, name: str) -> list[Part]:
+    trials = trials[np.isfinite(trials[name]) & np.isfinite(trials["quoted"])]
+    x, label = trials[name].to_numpy(), bins(trials[name].to_numpy())
+    residual = {"x": x, "residual_percent": 100 * trials["quoted"]}
+    parts: list[Part] = [{"kind": "trial", "trial": trials["trial"], **residual}]
+    for kind, column in (("bin", "quoted"), ("base", "base")):
+        if column in trials:
+            count, centre, mean, error = means(x, 100 * trials[column].to_numpy(), label)
+            values = {"residual_percent": mean, "u_residual_percent": error, "n_trials": count}
+            parts.append({"kind": kind, "x": centre, **values})
+    expected = np.sqrt(np.bincount(label, (100 * trials["sigma"]) ** 2) / np.bincount(label))
     level = {"residual_percent": 0.0, "u_residual_percent": expected}
     return [*parts, {"kind": "noise", "x": parts[1]["x"], **level}]
 
