@@ -396,16 +396,14 @@ def test_the_interval_spans_every_answer_and_the_jackknife_its_visits():
         half = t.ppf(0.95, 6) * np.sqrt(6 / 7 * np.sum((without - without.mean()) ** 2))
         return statistic(visit >= 0), half
 
-    middle, half = ends(lambda keep: np.log(rms(before, keep)))
-    assert confirmation.rmse(before, visit) == pytest.approx(
-        np.exp([middle, middle - half, middle + half])
+    assert confirmation.log_rms(visit, before) == pytest.approx(
+        ends(lambda keep: np.log(rms(before, keep)))
     )
-    middle, half = ends(lambda keep: np.log(rms(after, keep) / rms(before, keep)))
-    assert confirmation.change(before, after, visit) == pytest.approx(
-        np.expm1([middle, middle - half, middle + half])
+    assert confirmation.log_rms(visit, after, before) == pytest.approx(
+        ends(lambda keep: np.log(rms(after, keep) / rms(before, keep)))
     )
-    assert np.isnan(confirmation.change(before[:6], after[:6], visit[:6])).all()
-    assert np.isfinite(confirmation.change(before[:9], after[:9], visit[:9])).all()
+    assert np.isnan(confirmation.log_rms(visit[:6], after[:6], before[:6])[1])
+    assert np.isfinite(confirmation.log_rms(visit[:9], after[:9], before[:9])).all()
 
 
 def test_a_prediction_takes_its_levels_from_its_own_trials(stage):

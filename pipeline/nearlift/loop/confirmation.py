@@ -219,65 +219,47 @@ def jackknife(without: FloatArray) -> FloatArray:
     return np.asarray((blocks - 1) / blocks * centred.T @ centred)
 
 
-def _half90(without: FloatArray) -> float:
-    """Half of a 90 % interval from the jackknife's values (visits,), with Student's t."""
-    variance = float(jackknife(without[:, None])[0, 0])
-    return student.quantile(0.95, len(without) - 1.0) * float(np.sqrt(variance))
+def log_rms(
+    visit: IntArray, residual: FloatArray, reference: FloatArray | None = None
+) -> tuple[float, float]:
+    """Log of the root mean square, or of its ratio to that of a `reference`, and half of its 90 %
+    interval by the jackknife over visits.
 
-
-def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
-    """Root mean square and its 90 % interval, by the jackknife of its logarithm over visits.
-
-    The ends are nan for fewer than three visits or no residual.
+    Both sides of a ratio share the noise of the same trials, so it is known far better than either.
+    Half of the interval is nan for fewer than three visits, or where a side has no residual.
     """
     _, label = np.unique(visit, return_inverse=True)
-    squares, count = np.bincount(label, residual**2), np.bincount(label)
-    total = squares.sum() / count.sum()
-    value = np.sqrt(total)
-    if len(count) < 3 or total <= 0:
-        return float(value), float("nan"), float("nan")
-    half = _half90(np.log((squares.sum() - squares) / (count.sum() - count))) / 2
-    return float(value), float(value * np.exp(-half)), float(value * np.exp(half))
-
-
-def change(before: FloatArray, after: FloatArray, visit: IntArray) -> tuple[float, float, float]:
-    """Relative change of the root mean square, negative where it falls, and its 90 % interval, by
-    the jackknife of the log ratio over visits.
-
-    Both sides share the noise of the same trials, so the change is known far better than either
-    error. Nan for fewer than three visits, or where either side has no residual.
-    """
-    _, label = np.unique(visit, return_inverse=True)
-    one, other = np.bincount(label, before**2), np.bincount(label, after**2)
-    if len(one) < 3 or min(one.sum(), other.sum()) <= 0:
-        return float("nan"), float("nan"), float("nan")
-    log_ratio = np.log(other.sum() / one.sum()) / 2
-    half = _half90(np.log((other.sum() - other) / (one.sum() - one)) / 2)
-    return (
-        float(np.expm1(log_ratio)),
-        float(np.expm1(log_ratio - half)),
-        float(np.expm1(log_ratio + half)),
-    )
+    squares = np.bincount(label, residual**2)
+    below = np.bincount(label, None if reference is None else reference**2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = float(np.log(squares.sum() / below.sum()) / 2)
+        without = np.log((squares.sum() - squares) / (below.sum() - below)) / 2
+    if len(squares) < 3 or not np.isfinite(middle):
+        return middle, float("nan")
+    u = float(np.sqrt(jackknife(without[:, None])[0, 0]))
+    return middle, student.quantile(0.95, len(squares) - 1.0) * u
 
 
 def error(answer: Answer, scored: HeldOut, noise_floor: float) -> LoopError:
     """Held-out errors before and after the loop, with their change where effects are named."""
     keep = scored.predicted
+    visit, before, after = scored.visit[keep], scored.before[keep], scored.after[keep]
 
-    def rmse_of(residual: FloatArray) -> HeldOutRmse:
-        value, low, high = rmse(residual[keep], scored.visit[keep])
+    def rmse(residual: FloatArray) -> HeldOutRmse:
+        middle, half = log_rms(visit, residual)
+        value, low, high = np.exp([middle, middle - half, middle + half]).tolist()
         return HeldOutRmse(held_out_rmse=value, lo90=low, hi90=high)
 
-    before, named = rmse_of(scored.before), answer.verdict == "effect"
-    changed = None
+    changed, named = None, answer.verdict == "effect"
     if named:
-        value, low, high = change(scored.before[keep], scored.after[keep], scored.visit[keep])
+        middle, half = log_rms(visit, after, before)
+        value, low, high = np.expm1([middle, middle - half, middle + half]).tolist()
         changed = Estimate(value=value, lo90=low, hi90=high)
+    # without a named effect the base model predicts, and nothing changes
     return LoopError(
         noise_floor=noise_floor,
-        before=before,
-        # without a named effect the base model predicts, and nothing changes
-        after=rmse_of(scored.after) if named else before,
+        before=rmse(before),
+        after=rmse(after if named else before),
         change=changed,
         held_out_trials=int(keep.sum()),
         chosen_in_folds=tuple(scored.chosen),

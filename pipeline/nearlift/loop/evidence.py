@@ -92,15 +92,12 @@ class RandomEffectsWhitener:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Integrated:
     """Scores (d, m) with `removed` (d, q, orthonormal) projected out and the other unknowns in the
-    covariance.
-
-    `deform` whitens by them; `log_det` is that of all possible unknowns.
+    covariance, by which `deform` whitens.
     """
 
     scores: FloatArray
     removed: FloatArray
     deform: RandomEffectsWhitener
-    log_det: float
 
     def embed(self, columns: FloatArray) -> FloatArray:
         """Columns (d', m) of the first d' <= d coordinates in all coordinates, (d, m)."""
@@ -120,7 +117,7 @@ class Integrated:
     @property
     def log_likelihood(self) -> FloatArray:
         """Up to a constant of the trials, (m,)."""
-        return np.asarray(-0.5 * (np.sum(self.scores**2, axis=0) + self.log_det))
+        return np.asarray(-0.5 * (np.sum(self.scores**2, axis=0) + self.deform.log_det))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,10 +178,7 @@ class Linearised:
         shift = columns @ (self.fitted.vector - mean)[random]
         left = deform(scores + shift[:, None])
         return Integrated(
-            scores=left - removed @ (removed.T @ left),
-            removed=removed,
-            deform=deform,
-            log_det=deform.log_det,
+            scores=left - removed @ (removed.T @ left), removed=removed, deform=deform
         )
 
     def by_priors(self, scores: FloatArray) -> Integrated:
@@ -196,10 +190,9 @@ class Linearised:
 
         All others are integrated over; parameters that differ by session are one population.
         """
-        asked = np.zeros(len(self.fitted.vector), dtype=bool)
-        asked[self.bic_charged] = True
-        bic_charged, rest = self.free[asked[self.free]], self.free[~asked[self.free]]
-        return self.integrated(scores, np.r_[self.coefficients, bic_charged], rest)
+        charged = np.intersect1d(self.free, self.bic_charged)
+        rest = np.setdiff1d(self.free, charged)
+        return self.integrated(scores, np.r_[self.coefficients, charged], rest)
 
     def log(self, left: Integrated) -> FloatArray:
         """Log evidence by unit information, (m,), of what `by_unit_information` leaves: it decides
