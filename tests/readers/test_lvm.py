@@ -23,6 +23,13 @@ def test_lvm_segments_are_joined_and_counted(tmp_path: Path) -> None:
     assert found.codes == ("truncated",), "the last segment has fewer rows than its header promises"
 
 
+def test_an_lvm_that_ends_within_its_headers_is_truncated(tmp_path: Path) -> None:
+    content = written.lvm([1.5, 2.5, 3.5])
+    for end in (content.index(b"Channels"), content.index(b"X_Value"), content.index(b"***End")):
+        found = contents("lvm", written.put(tmp_path, "a.lvm", content[:end]))
+        assert found.codes == ("truncated", "NO_DATA")
+
+
 def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(tmp_path: Path) -> None:
     content = written.lvm([1.5, 2.5, 3.5]).replace(b"Delta_X\t0,001\t0,001", b"Delta_X\t1,0\t1,0")
     found = contents("lvm", written.put(tmp_path, "a.lvm", content))

@@ -185,6 +185,13 @@ def test_a_zero_that_is_not_tared_makes_no_sweep_of_one_lift(zero: float) -> Non
 # ---- from ramps to a coefficient
 
 
+def test_error_codes_of_a_converter_make_no_sweep_of_one_lift() -> None:
+    rng = np.random.default_rng(4)
+    counts = held(rng)["force"]
+    counts[rng.random(len(counts)) < 0.03] = 2**23 - 1
+    assert not moves(counts)
+
+
 def test_ramps_cut_as_proposed_give_the_coefficient(tmp_path: Path) -> None:
     rng = np.random.default_rng(9)
     z_hats = np.repeat([0.7, 0.9, 1.2, 1.8, 3.0, 8.0], 2)

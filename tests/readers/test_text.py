@@ -120,6 +120,13 @@ def test_a_bad_number_makes_no_column_of_words(tmp_path: Path, bad: int, names: 
         read(tmp_path, "t;force\n" + rows, names=names)
 
 
+def test_a_column_that_is_not_asked_for_may_hold_anything(tmp_path: Path) -> None:
+    content = "t,state,force\n" + "".join(f"{i},{'ERR' if i == 9 else i},2\n" for i in range(20))
+    assert values(plain(tmp_path, content)) == [2] * 20
+    with pytest.raises(InputRefused, match="line 11: 'ERR' in column 'state' is not a number"):
+        read(tmp_path, content)
+
+
 @pytest.mark.parametrize("by", ["text", "csv"])
 def test_a_zeroed_sector_is_named_wherever_it_falls(tmp_path: Path, by: str) -> None:
     """Also within a column that nobody reads, where it makes one line of many."""
@@ -226,7 +233,7 @@ def test_half_written_files(
         ("t,forze\n0,1\n", "line 1: has no column 'force'\n  records.force.column = \"forze\"?"),
         ("t,lift\n0,1\n", "has no column 'force'\n  it has 't', 'lift'"),
         ("t,force\n0,1\nt,force\n2,3\n", "line 3: repeats the header"),
-        ("t,force\n0,1\nvolts,amps\n0,1\n", "line 3: 'volts' in column 't' is not a number"),
+        ("t,force\n0,1\nvolts,amps\n0,1\n", "line 3: 'amps' in column 'force' is not a number"),
         ("force\n1\n\0\n2\n", "line 3: holds NUL bytes"),
         ('force\n1\n"3\n0"\n', "line 3: is not a row of cells: unexpected end of data"),
         (b"x,force\na,1\n\xe4,2x\n", "line 3: '2x' in column 'force' is not a number"),

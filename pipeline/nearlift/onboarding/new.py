@@ -221,7 +221,7 @@ def _places(
             "the files lie in different folders, or have different suffixes",
             "put them into one folder",
         )
-    mark = "record" if all(f.ramp is not None for f in inspected) else "trial"
+    mark = "record" if proposal.are_swept(inspected) else "trial"
     return f"{before}{{{mark}}}{after}", trials, copies
 
 
@@ -238,7 +238,7 @@ def _schedule(
     inspected: Sequence[Inspection], trials: Sequence[str], table: InputTable | None
 ) -> tuple[ProposedSchedule, list[str]]:
     """Schedule of these records, and what else it needs."""
-    swept = inspected[0].ramp is not None
+    swept = proposal.are_swept(inspected)
     more: list[str] = []
     if table is not None:
         schedule = table.schedule(table.ids(trials) or list(trials), means=False, of_records=swept)
@@ -268,7 +268,7 @@ def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> lis
     taken = [
         f"{name}, the mean of {channel.name!r}"
         for name, (channel, _) in inspected[0].further.items()
-        if name in schedule.trials and inspected[0].ramp is None
+        if name in schedule.trials and not proposal.are_swept(inspected)
     ]
     notes = [f"trials.csv has from each record: {'; '.join(taken)}"] if taken else []
     if wrapped := [f.path.name for f in inspected if f.wraps]:

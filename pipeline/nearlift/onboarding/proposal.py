@@ -60,6 +60,11 @@ def for_means() -> TOMLDocument:
     return doc
 
 
+def are_swept(inspected: Sequence[Inspection]) -> bool:
+    """Whether each of these records sweeps the throttle, so that it is cut into trials."""
+    return all(f.ramp is not None for f in inspected)
+
+
 def for_records(
     inspected: Sequence[Inspection], files: str | None = None, *, cell: bool = True
 ) -> TOMLDocument:
@@ -71,14 +76,14 @@ def for_records(
     load_cell: Any = whole["load_cell"]
     doc["load_cell"], doc["records"] = load_cell, whole["records"]
     _state_rate(load_cell, first)
-    if first.ramp is not None:
+    if are_swept(inspected):
         del load_cell["settle"]
     else:
         _state_head(load_cell, inspected)
     if not cell:
         del load_cell["accuracy"]
     _fill_records(doc["records"], first, files)
-    if first.ramp is not None and all(f.ramp is not None for f in inspected):
+    if first.ramp is not None and are_swept(inspected):
         for key, table in tomlkit.parse(first.ramp.segments).items():
             doc[key] = table
         cut: Any = doc["segments"]

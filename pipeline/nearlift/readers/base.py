@@ -311,7 +311,9 @@ class ChannelSpec:
 
     def lift_N(self, numbers: FloatArray) -> FloatArray:
         """Lift from the force channel's numbers, in an array of its own."""
-        return self.factor * (numbers - self.zero if self.zero else numbers)
+        # damaged numbers may be anything
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.factor * (numbers - self.zero if self.zero else numbers)
 
     def record(self, contents: Contents, trial: str, where: str, source: str) -> Record:
         """The record of one trial from the channels of its file; `InputRefused` where one is not

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.base import RecordsDialect, split_unit, unit_word
+from nearlift.readers.base import Names, RecordsDialect, fitting, split_unit, unit_word
 from nearlift.readers.table import BLANKS, NONE, SEPARATORS, SPOKEN, Layout
 from nearlift.units import NUMBER
 
@@ -168,8 +168,12 @@ def _unfit(lines: int, where: str, what: str, remedy: str = "") -> _Unfit:
     return _Unfit(lines, InputRefused(where, what, remedy))
 
 
-def sniff(lines: Sequence[str], where: str, said: Dialect = UNSTATED) -> Layout:
+def sniff(
+    lines: Sequence[str], where: str, said: Dialect = UNSTATED, names: Names = None
+) -> Layout:
     """The one layout that fits the first lines of a file.
+
+    With `names`, other columns may hold anything in their later rows.
 
     Raises
     ------
@@ -181,7 +185,7 @@ def sniff(lines: Sequence[str], where: str, said: Dialect = UNSTATED) -> Layout:
     for strict in (True, False):
         for signs in _pairs(lines, said):
             try:
-                fits.append(_fitted(lines, where, signs, said, strict=strict))
+                fits.append(_fitted(lines, where, signs, said, names, strict=strict))
             except _Unfit as unfit:
                 failed.append(unfit)
         deepest = max(failed, key=lambda unfit: unfit.lines, default=None)
@@ -250,7 +254,7 @@ def _cut(line: str, signs: Layout) -> list[str]:
 
 
 def _fitted(
-    lines: Sequence[str], where: str, signs: Layout, said: Dialect, *, strict: bool
+    lines: Sequence[str], where: str, signs: Layout, said: Dialect, wanted: Names, *, strict: bool
 ) -> tuple[Layout, object]:
     """The layout of some lines by one pair of signs, and what it reads: names and first numbers.
 
@@ -287,6 +291,9 @@ def _fitted(
     # columns without a cell so far, which may be of words
     blank = {i for i in range(len(names)) if not row[i]}
     read: list[tuple[float, ...]] = []
+    chosen: Sequence[int] = range(len(names))
+    if wanted is not None:
+        chosen = sorted({i for name in wanted for i in fitting(names, name)}) or chosen
     for k, line in enumerate(lines[start:], start):
         if not line.strip():
             continue
@@ -295,9 +302,7 @@ def _fitted(
             cells = layout.row(line, at)
             texts |= {i for i in blank if signs.value(cells[i]) is None}
             blank = {i for i in blank if not cells[i]}
-            numbers = [
-                layout.number(cell, at, names[i]) for i, cell in enumerate(cells) if i not in texts
-            ]
+            numbers = [layout.number(cells[i], at, names[i]) for i in chosen if i not in texts]
         except InputRefused as refusal:
             raise _Unfit(k - start, refusal) from None
         if len(read) < READ:

@@ -8,6 +8,7 @@ clock, that is ``NAME.X_Value``.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -79,7 +80,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     separator = "," if _at(about, "Separator", 0).casefold() == "comma" else "\t"
     series: dict[str, _Series] = {}
     starts = [i for i in range(at, len(lines)) if lines[i].startswith(f"Channels{separator}")]
-    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+    for start, end in itertools.pairwise([*starts, len(lines)]):
         cut |= _read_segment(lines[:end], start, separator, about, series, where)
     several = _at(about, "X_Columns", 0).casefold() == "multi"
     channels, notes = _channels(series, several)

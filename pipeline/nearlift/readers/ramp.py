@@ -27,7 +27,7 @@ from nearlift.reduction import cuts
 from nearlift.reduction.samples import LARGEST_N
 from nearlift.reduction.stretch import SD_PER_MAD
 
-#: Stretches whose means show how the force moves. Below this part of the largest the rotors are at
+#: Stretches whose levels show how the force moves. Below this part of the largest the rotors are at
 #: rest. The rest of the record moves by more than such a ratio, and more than so many times the
 #: stretches' noise, if it is no one lift.
 STRETCHES, AT_REST, MOVES, ABOVE_NOISE = 200, 0.05, 1.3, 10.0
@@ -73,7 +73,7 @@ def moves(force: FloatArray) -> bool:
 
     The reading at rest may be any: a zero that is not tared and one lift are one trial.
     """
-    means = _means(force[np.isfinite(force)])
+    means = _levels(force[np.isfinite(force)])
     return len(force) >= FEWEST and _apart(means) and _apart(means - means[0])
 
 
@@ -89,9 +89,10 @@ def _apart(means: FloatArray) -> bool:
     return bool(high > MOVES * low and high - low > ABOVE_NOISE * noise)
 
 
-def _means(values: FloatArray) -> FloatArray:
+def _levels(values: FloatArray) -> FloatArray:
+    """Medians of short stretches, which single impossible readings do not move."""
     parts = np.array_split(values, min(STRETCHES, len(values))) if len(values) else []
-    return np.array([float(np.mean(p)) for p in parts])
+    return np.array([float(np.median(p)) for p in parts])
 
 
 def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp | None:
@@ -125,7 +126,7 @@ def ramp_of(
     largest = float(np.nanmax(np.abs(force.values), initial=0.0))
     if largest > LARGEST_N or not moves(force.values):
         return None
-    if not np.isfinite(_means(force.values)).all():
+    if not np.isfinite(_levels(force.values)).all():
         return None
     command = _command(force, [c for c in channels if c.name not in clocks])
     if command is None:
@@ -171,7 +172,7 @@ def _times(levels: Sequence[cuts.Cut], samples: int, rate_Hz: float | None) -> l
 def _without_command(force: Channel, rate_Hz: float | None) -> str:
     """Cuts at changes of the force; or, where they leave fewer than two pieces, in windows."""
     throttle = '{ column = "FILL IN", unit = "percent" }'
-    step = float(f"{0.05 * float(np.nanmax(np.abs(force.values))):.2g}")
+    step = float(f"{0.05 * float(np.abs(_levels(force.values)).max()):.2g}")
     if rate_Hz:
         shortest = max(round(2 * SHORTEST_S * rate_Hz), FEWEST_SAMPLES)
         edges = cuts.by_change(force.values, step, shortest)
@@ -196,7 +197,7 @@ def _window(force: FloatArray, rate_Hz: float | None) -> float:
     """Length in s of windows within which a ramp's lift changes little, of ten samples at least."""
     if not rate_Hz:
         return SHORTEST_S
-    means = np.abs(_means(force))
+    means = np.abs(_levels(force))
     run = means > AT_REST * means.max()
     moved = np.abs(np.diff(means))[run[1:] & run[:-1]] / means[1:][run[1:] & run[:-1]]
     stretch = len(force) / len(means) / rate_Hz
@@ -216,11 +217,11 @@ def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
     """The column that the force follows: one that is called a command before others."""
     from scipy.stats import rankdata
 
-    ranked, commands = rankdata(np.abs(_means(force.values))), []
+    ranked, commands = rankdata(np.abs(_levels(force.values))), []
     for c in channels:
         if c.name == force.name or len(c.values) != len(force.values):
             continue
-        means = _means(c.values)
+        means = _levels(c.values)
         if not np.isfinite(means).all() or np.ptp(means) == 0:
             continue
         together = float(np.corrcoef(ranked, rankdata(means))[0, 1])

@@ -178,7 +178,7 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
         with contextlib.suppress(InputRefused):
             return by_layout(text, layout, names, where)
     try:
-        layout = _layout(text, where)
+        layout = _layout(text, where, names)
     except NoRows:
         if text.body.count(b"\n") > 2:
             raise
@@ -189,8 +189,8 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
     return read
 
 
-def _layout(text: Plain, where: str) -> Layout:
-    return replace(sniff(text.lines(), where, text.said), encoding=text.encoding)
+def _layout(text: Plain, where: str, names: Names = None) -> Layout:
+    return replace(sniff(text.lines(), where, text.said, names), encoding=text.encoding)
 
 
 def _start(text: Plain, layout: Layout) -> int:
