@@ -357,15 +357,15 @@ def rows_page(found: dict[tuple[str, str], Counter[str]]) -> str:
 A record of {records.TARE} and {records.LIVE} samples in each format; {records.FLIPS} copies with one byte replaced and {records.SECTORS} with one damaged sector of {records.SECTOR} bytes, each reduced as by `nearlift ingest`. Every
 copy gets a row. *Reported*: by a quality code. *Within u*: undetected, and the lift is right within its standard error. *Silent*: undetected and wrong.
 
-| format | byte: rejected | reported | within u | silent | sector: rejected | reported | within u | silent | ms a file |
-|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|
+| format | byte: rejected | reported | within u | silent | sector: rejected | reported | within u | silent |
+|---|--:|--:|--:|--:|--:|--:|--:|--:|
 """
     rows = []
     for name in dict.fromkeys(name for name, _ in found):
         cells = [
             str(found[name, kind][fate]) for kind in ("flip", "sector") for fate in records.FATES
         ]
-        rows.append(f"| `{name}` | {' | '.join(cells)} | {found[name, 'time']['ms']} |")
+        rows.append(f"| `{name}` | {' | '.join(cells)} |")
     return head + "\n".join(rows) + "\n"
 
 

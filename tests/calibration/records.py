@@ -8,7 +8,6 @@ into docs/damage.md.
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -121,14 +120,11 @@ def fate(row: rows.Row, lift_N: float, samples: int) -> str:
 def bytes_to_rows(
     folder: Path, flips: int = FLIPS, sectors: int = SECTORS
 ) -> dict[tuple[str, str], Counter[str]]:
-    """(format, kind of damage) to fates; "slowest" is the time of a trial in ms, on average over
-    its piece.
-    """
+    """(format, kind of damage) to fates."""
     found: dict[tuple[str, str], Counter[str]] = {}
     for name, (write, *_) in written.WRITERS.items():
         content = write(FORCE)
         kinds, contents = zip(*damages(content, flips, sectors), strict=True)
-        start = time.perf_counter()
         whole, *rows = reduced(rig(name), folder / name, [content, *contents])
         assert not whole.reduced.codes
         assert len(rows) == len(contents)
@@ -136,7 +132,6 @@ def bytes_to_rows(
             found.setdefault((name, kind), Counter())[
                 fate(row, whole.reduced.lift_N, len(FORCE))
             ] += 1
-        found[name, "time"] = Counter(ms=round(1e3 * (time.perf_counter() - start) / len(rows)))
     return found
 
 

@@ -141,6 +141,22 @@ def test_stamps_in_whole_milliseconds_have_the_rate_of_the_samples() -> None:
         clock_codes(stamps, Conditions(rate_Hz=83.3), "a")
 
 
+def test_stamps_in_tenths_of_a_second_have_the_rate_of_the_samples() -> None:
+    """As a spreadsheet shows minutes and seconds: steps of one and two tenths are 8 Hz."""
+    stamps = np.floor(1.25 * np.arange(64)) / 10
+    assert rate_of(stamps) == pytest.approx(8, rel=0.01)
+    assert clock_codes(stamps, Conditions(rate_Hz=8.0), "a") == []
+    lost = np.delete(np.arange(400) / 10, np.arange(7, 390, 11))
+    assert rate_of(lost) == pytest.approx(10)
+
+
+def test_stamps_in_nanoseconds_are_a_clock(tmp_path: Path) -> None:
+    rows = "".join(f"{1700000000000000000 + 12500000 * i}\t{i % 7}\n" for i in range(400))
+    path = tmp_path / "a.tsv"
+    path.write_text("ts_ns\tforce_N\n" + rows)
+    assert 'sample_rate = "80 Hz"' in block(inspect(path))
+
+
 def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("time,force\n" + "".join(f"12:{i // 60:02d},{i % 7}\n" for i in range(99)))

@@ -28,6 +28,12 @@ def test_rcbenchmark_traps(tmp_path: Path) -> None:
         contents("rcbenchmark", path)
 
 
+def test_a_header_alone_is_no_data(tmp_path: Path) -> None:
+    for content in (b"weight[g],pwm,vbat[V]", b"weight[g],pwm,vbat[V]\n"):
+        found = contents("crazyflie", written.put(tmp_path, "a.csv", content))
+        assert "NO_DATA" in found.codes
+
+
 def test_stands_refuse_each_others_files(tmp_path: Path) -> None:
     for name, content in (
         ("rcbenchmark", written.tyto([1.0])),

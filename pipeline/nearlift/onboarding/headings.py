@@ -51,7 +51,10 @@ OTHER_STATISTICS = {
     *("uncertainty", "efficiency", "tare", "zero", "offset", "mass", "raw", "theory", "model"),
 }
 MEAN_WORDS = {"mean", "avg", "average", "mittel", "mittelwert"}
-CLOCKS = ("t", "time", "timestamp", "x_value", "zeit", "millis", "micros", "date", "datetime")
+CLOCKS = (
+    *("t", "time", "timestamp", "time stamp", "stamp", "ts", "x_value", "zeit", "uhrzeit"),
+    *("millis", "micros", "date", "datetime"),
+)
 #: Sample rates of load cells, Hz. A lower one is of means of steps, a higher one of another unit.
 USUAL_RATES_HZ = (1.0, 2e6)
 #: Headings of distances in rotor radii.
@@ -65,7 +68,24 @@ AS_DIAMETERS = {"h/d", "z/d"}
 _SUFFIXES = {
     unit: unit
     for unit in (
-        *("s", "ms", "us", "V", "mV", "A", "mA", "W", "N", "mN", "kN", "g", "gf", "kg", "kgf"),
+        *(
+            "s",
+            "ms",
+            "us",
+            "ns",
+            "V",
+            "mV",
+            "A",
+            "mA",
+            "W",
+            "N",
+            "mN",
+            "kN",
+            "g",
+            "gf",
+            "kg",
+            "kgf",
+        ),
         *("lbf", "m", "mm", "cm", "um", "Hz", "kHz", "Pa", "hPa", "kPa", "degC", "deg", "rad"),
         *("percent", "fraction", "rpm"),
     )
@@ -188,7 +208,7 @@ def is_clock(heading: str) -> bool:
 def stamp_unit(clock: Channel) -> str:
     """The unit of a clock's stamps since 1970, or of a spreadsheet's days; empty for others."""
     first = float(clock.values[0]) if len(clock.values) else 0.0
-    for unit in ("s", "ms", "us"):
+    for unit in ("s", "ms", "us", "ns"):
         if 8e8 < first * SECONDS[unit] < 4e9:
             return unit
     in_days = 2e4 < first < 8e4 and 0 < float(clock.values[-1]) - first < 1

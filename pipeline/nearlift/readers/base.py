@@ -41,7 +41,7 @@ Names = tuple[str, ...] | None
 #: Units by their own names, in letters of any size.
 _UNITS = (
     *("N", "mN", "kN", "gf", "kgf", "lbf", "ozf", "g", "kg", "lb", "oz", "count", "percent"),
-    *("s", "ms", "us", "Hz", "kHz", "rpm", "m", "mm", "cm", "m/s", "m/s^2", "deg", "rad"),
+    *("s", "ms", "us", "ns", "Hz", "kHz", "rpm", "m", "mm", "cm", "m/s", "m/s^2", "deg", "rad"),
     *("V", "mV", "A", "mA", "W", "degC", "K", "Pa", "hPa", "kPa", "N m"),
 )
 #: Other spellings of instruments, folded.
@@ -66,7 +66,7 @@ UNITS = {unit.casefold(): unit for unit in _UNITS} | {
 #: Units of mass as those of the force that a load cell means.
 AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}
 FORCE_UNITS = ("N", "mN", "kN", "gf", "kgf", "lbf", "ozf")
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "day": 86400.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "day": 86400.0}
 _PRODUCT = str.maketrans(dict.fromkeys("⋅∙*•", "·"))
 
 

@@ -39,7 +39,8 @@ from nearlift.readers.base import (
 )
 from nearlift.readers.dialect import Dialect
 from nearlift.readers.files import content_of
-from nearlift.readers.text import from_text, with_rate
+from nearlift.readers.table import Layout
+from nearlift.readers.text import by_layout, plain, with_rate
 
 #: Lift from which on rotors turn, whatever their speed channel reads, N.
 MIN_LIFT_N = 0.02
@@ -84,19 +85,23 @@ STANDS = (
 )
 
 
-def _header(head: bytes) -> dict[str, str]:
-    """The columns' names on a first line of UTF-8, folded and without units, by what is written."""
+def _header(head: bytes) -> list[str]:
+    """The cells of a first line, a blank one at its end kept; none where it is no UTF-8 text."""
     try:
         line = head.split(b"\n", 1)[0].decode("utf-8-sig").rstrip("\r")
-        cells = [cell.strip() for cell in next(csv.reader([line]), [])]
+        return [cell.strip() for cell in next(csv.reader([line]), [])]
     except (UnicodeDecodeError, csv.Error):
-        return {}
-    return {cell: fold(split_unit(cell)[0]) for cell in cells}
+        return []
 
 
 def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
-    names = _header(head).values()
+    names = [_bare(cell) for cell in _header(head)]
     return all(any(form.fullmatch(name) for name in names) for form in stand.needs)
+
+
+def _bare(name: str) -> str:
+    """A name as it is compared, its unit taken off."""
+    return fold(split_unit(name)[0])
 
 
 def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -110,11 +115,29 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
             f"has not the header of {stand.title}",
             '`nearlift inspect FILE` says what it is; another version may want reader = "text"',
         )
-    speeds = [cell for cell, name in _header(content).items() if stand.speeds.fullmatch(name)]
+    columns = _header(content)
+    trailing = columns[-1] == ""
+    columns = columns[:-1] if trailing else columns
+    if len(set(columns)) < len(columns):
+        what = f"has more than one column {max(columns, key=columns.count)!r}"
+        raise InputRefused(f"{path}, line 1", what, "rename or drop one of them")
+    speeds = [name for name in columns if stand.speeds.fullmatch(_bare(name))]
     also = None if names is None else (*names, *speeds)
-    plain = Dialect(encoding="utf-8", separator="comma", decimal=".")
-    file = from_text(content, str(path), plain, also)
-    codes = (*file.codes, *["dead_speed"] * _dead(file, speeds))
+    text = plain(content, str(path), Dialect(encoding="utf-8"))
+    layout = Layout(
+        trailing=trailing,
+        names=tuple(columns),
+        units=tuple(split_unit(name)[1] for name in columns),
+        first=2,
+        texts=tuple(i for i, name in enumerate(columns) if _bare(name) == "app message"),
+    )
+    file = by_layout(text, layout, also, str(path))
+    empty = not file.channels or not len(file.channels[0].values)
+    codes = (
+        *file.codes,
+        *["dead_speed"] * _dead(file, speeds),
+        *["NO_DATA"] * empty,
+    )
     file = replace(file, kind=stand.title, codes=codes, notes=())
     return with_rate(file) if names is None else file
 

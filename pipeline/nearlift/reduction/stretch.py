@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 
+#: Share of long steps from which on a clock may be rounded to nearly its own step, and the steps
+#: that do not show it.
+ROUNDED, FEW_STEPS = 0.05, 30
 #: Standard deviations of normal noise in one median absolute deviation.
 SD_PER_MAD = 1.4826
 #: Samples up to which the numbers of a record are kept for the next one.
@@ -97,9 +100,15 @@ def steady(clock: FloatArray, rate_Hz: float) -> bool:
 def usual_step(steps: FloatArray) -> float:
     """The usual step of a clock: the mean of those near the median one; 0 where there is none.
 
-    The median alone does not suffice: stamps may be rounded to 12 and 13 ms.
+    The median alone does not suffice: stamps may be rounded to 12 and 13 ms. Stamps of 8 Hz in
+    tenths of a second are one or two of them apart. They keep to a straight line within one, which
+    lost samples do not.
     """
     middle = float(np.median(steps)) if len(steps) else 0.0
+    if middle > 0 and len(steps) > FEW_STEPS and np.mean(steps > 1.5 * middle) > ROUNDED:
+        mean = float(np.mean(steps))
+        if np.ptp(np.cumsum(steps - mean)) <= 1.5 * middle:
+            return mean
     near = steps[np.abs(steps - middle) < 0.5 * abs(middle)]
     return float(np.mean(near)) if len(near) else middle
 
