@@ -222,6 +222,25 @@ def test_new_from_sweeps_cuts_them_and_asks_for_no_throttle(tmp_path):
     assert schedule == ["record,boundary,distance", "r0,FILL IN,FILL IN", "r1,FILL IN,FILL IN"]
 
 
+def test_sweeps_that_a_table_lists_as_records_keep_its_ids(tmp_path):
+    rng, rows = np.random.default_rng(1), "record,distance_mm\n"
+    for k in range(3):
+        content = sweeps.text_of(sweeps.sweep(1.0 + k, rng))
+        written.put(tmp_path / "logs", f"s{k}.csv", content.encode())
+        rows += f"s{k},{23 + 9 * k}\n"
+    written.put(tmp_path / "logs", "list.csv", rows.encode())
+    made = nearlift("new", tmp_path / "c", "--from", tmp_path / "logs")
+    assert made.exit_code == 0, made.output
+    schedule = (tmp_path / "c" / "trials.csv").read_text()
+    assert schedule == "record,distance\ns0,23\ns1,32\ns2,41\n"
+
+
+def test_a_clock_that_is_called_by_its_unit_gives_the_rate(tmp_path):
+    rows = "".join(f"{12.5 * i},{i % 7}\n" for i in range(200))
+    path = written.put(tmp_path, "a.csv", b"ms,thrust_g\n" + rows.encode())
+    assert 'sample_rate = "80 Hz"' in nearlift("inspect", path).output
+
+
 def test_new_refuses_a_mixture(tmp_path):
     a, b = (
         written.put(tmp_path, "a.lvm", written.lvm(FORCE)),

@@ -22,7 +22,7 @@ from nearlift.onboarding.inspection import inspect
 from nearlift.onboarding.new import write_from
 from nearlift.readers import files, reader
 from nearlift.readers.base import Contents, pick
-from nearlift.schedule import text_of
+from nearlift.schedule import _text_of as text_of
 
 
 def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:

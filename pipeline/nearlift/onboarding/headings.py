@@ -53,8 +53,10 @@ OTHER_STATISTICS = {
 MEAN_WORDS = {"mean", "avg", "average", "mittel", "mittelwert"}
 CLOCKS = (
     *("t", "time", "timestamp", "time stamp", "stamp", "ts", "x_value", "zeit", "uhrzeit"),
-    *("millis", "micros", "date", "datetime"),
+    *("date", "datetime"),
 )
+#: Headings of clocks that are a unit.
+TIMES = _pairs("millis:ms micros:us ms:ms us:us ns:ns sec:s seconds:s")
 #: Sample rates of load cells, Hz. A lower one is of means of steps, a higher one of another unit.
 USUAL_RATES_HZ = (1.0, 2e6)
 #: Headings of distances in rotor radii.
@@ -148,7 +150,7 @@ def named(heading: str) -> tuple[str, str]:
     # a lower-case n is newtons in the name of a force, else a count
     if suffix == "n" and any(word in fold(head) for word in FORCE_WORDS):
         return head, "N"
-    return heading, {"millis": "ms", "micros": "us"}.get(fold(heading), "")
+    return heading, TIMES.get(fold(heading), "")
 
 
 def words(heading: str) -> set[str]:
@@ -202,7 +204,8 @@ def force_channel(channels: Sequence[Channel]) -> Channel | None:
 def is_clock(heading: str) -> bool:
     """Whether a column of that name is a clock."""
     bare, unit = named(heading)
-    return fold(bare.rsplit(".", 1)[-1]) in CLOCKS and unit in ("", *SECONDS)
+    called = fold(bare.rsplit(".", 1)[-1])
+    return (called in CLOCKS and unit in ("", *SECONDS)) or called in TIMES
 
 
 def stamp_unit(clock: Channel) -> str:

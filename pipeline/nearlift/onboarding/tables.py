@@ -95,11 +95,12 @@ class InputTable:
         of_records : bool
             Whether a row is a record, whose pieces bring their throttle.
         """
-        left_out = {"trial", *(() if means else MEANS), *(("throttle",) if of_records else ())}
+        header = "record" if of_records else "trial"
+        left_out = {"trial", header, *(() if means else MEANS), *["throttle"] * of_records}
         # names of files stay, under their own heading
         listed = self.cells.rename(columns={"trial": self.written.get("trial", "trial")})
         trials = listed.drop(columns=left_out, errors="ignore")
-        trials.insert(0, "record" if of_records else "trial", ids)
+        trials.insert(0, header, ids)
         return ProposedSchedule(
             trials=trials,
             units={
