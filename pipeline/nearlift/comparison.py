@@ -7,7 +7,7 @@ It reads the results of finished runs under ``processed/`` and writes ``reports/
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,13 +31,11 @@ from nearlift.results.quotation import BoundaryResult, CoefficientResult, Result
 from nearlift.rounding import like, plain
 from nearlift.run import tables
 from nearlift.run.tables import PROVENANCE
-from nearlift.stages.fit import RESULTS
 
 FOLDER = "comparison"
 #: Below this a p-value means no more than that.
 LEAST_CHANCE = 1e-12
-#: Where a prior of twice the width moves an end of the mean's interval by more than this part of
-#: the interval, that is said.
+#: Part of the mean's interval by which a prior of twice the width may move an end unsaid.
 PRIOR_MATTERS = 0.05
 
 
@@ -52,11 +50,6 @@ class Entry:
     claim: str = ""
 
     @property
-    def kind(self) -> tuple[Boundary, str, str]:
-        """Boundary, base model and coefficient: only what has these in common is compared."""
-        return self.boundary, self.result.base_model, self.result.headline
-
-    @property
     def quoted(self) -> CoefficientResult:
         """The headline coefficient."""
         return self.result.coefficients[self.result.headline]
@@ -66,20 +59,6 @@ class Entry:
         """Signed contribution of each stated uncertainty that all trials of a campaign share."""
         shared = (line for line in self.quoted.budget if line.scope in ("boundary", "campaign"))
         return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
-
-    def compared(self, shrunk: Estimate | None) -> ComparedCampaign:
-        """Row of the campaign in the comparison."""
-        c = self.quoted
-        return ComparedCampaign(
-            campaign=self.campaign,
-            vehicle=self.vehicle,
-            verdict=self.result.verdict,
-            claim=self.claim,
-            quoted=HeadlineValue(
-                value=c.value, u=c.u, lo90=c.lo90, hi90=c.hi90, unit=c.unit, holds=c.holds
-            ),
-            in_population=shrunk,
-        )
 
 
 def finished(out: Path, names: Sequence[str]) -> list[Path]:
@@ -92,25 +71,22 @@ def finished(out: Path, names: Sequence[str]) -> list[Path]:
     """
     home = out / "processed"
     if not names:
-        fitted = sorted(path.parent for path in home.glob(f"*/{RESULTS.file}"))
+        fitted = sorted(path.parent for path in home.glob(f"*/{Results.file}"))
         if not fitted:
-            raise UsageError(
-                str(home), "holds no fitted campaign", "`nearlift run CAMPAIGN` first, or say --out"
-            )
+            remedy = "`nearlift run CAMPAIGN` first, or say --out"
+            raise UsageError(str(home), "holds no fitted campaign", remedy)
         return fitted
-    missing = [name for name in names if not (home / name / RESULTS.file).is_file()]
+    missing = [name for name in names if not (home / name / Results.file).is_file()]
     if missing:
-        raise UsageError(
-            str(home / missing[0]),
-            f"is not fitted ({len(missing)} of {len(names)} campaigns)",
-            "`nearlift run CAMPAIGN` first, for each of them",
-        )
+        what = f"is not fitted ({len(missing)} of {len(names)} campaigns)"
+        remedy = "`nearlift run CAMPAIGN` first, for each of them"
+        raise UsageError(str(home / missing[0]), what, remedy)
     return [home / name for name in names]
 
 
 def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
-    results = tables.load(folder / RESULTS.file, Results)
+    results = tables.load(folder / Results.file, Results)
     diagnosed = tables.load_if_whole(folder / DiagnosisResults.file, NOTHING).boundaries
     vehicle = tables.load_if_whole(folder / PROVENANCE.file, ProvenanceLedger()).vehicle
     return [
@@ -126,7 +102,7 @@ def entries(folder: Path) -> list[Entry]:
     ]
 
 
-def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> tuple[ComparedCoefficient, ...]:
+def compared(listed: Sequence[Entry], shared: Sequence[str]) -> CampaignComparison:
     """Entries by boundary, base model and coefficient, each group with its population.
 
     `shared` names components that are one and the same error in all campaigns (the same load cell,
@@ -137,33 +113,88 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> tuple[ComparedCoe
     UsageError
         One of them is no campaign's component.
     """
-    known = sorted({name for entry in listed for name in entry.parts})
-    for name in shared:
-        if name not in known:
-            raise UsageError(
-                "--shared",
-                f"no campaign has a component {name!r}",
-                f"there are: {', '.join(map(repr, known)) or 'none'}",
+    known = {name for entry in listed for name in entry.parts}
+    for name in sorted({*shared} - known):
+        remedy = f"there are: {', '.join(map(repr, sorted(known))) or 'none'}"
+        raise UsageError("--shared", f"no campaign has a component {name!r}", remedy)
+    groups: dict[tuple[Boundary, str, str], list[Entry]] = {}
+    for e in listed:
+        groups.setdefault((e.boundary, e.result.base_model, e.result.headline), []).append(e)
+    return CampaignComparison(
+        shared=tuple(shared),
+        groups=tuple(_group(*kind, groups[kind], shared) for kind in sorted(groups)),
+    )
+
+
+def _group(
+    boundary: Boundary,
+    model: str,
+    coefficient: str,
+    members: Sequence[Entry],
+    shared: Sequence[str],
+) -> ComparedCoefficient:
+    """Entries of one kind, and their population unless they are too few."""
+    together: Population | None = None
+    shrunk: Sequence[Estimate | None] = [None] * len(members)
+    if len(members) >= FEWEST:
+        # an interval over rivals is lopsided, and its best value no centre: the population is
+        # fitted to the interval
+        value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])
+        together, shrunk = population(value, covariance(members, shared), members[0].quoted.unit)
+    keys = ("value", "u", "lo90", "hi90", "unit", "holds")
+    return ComparedCoefficient(
+        boundary=boundary,
+        model=model,
+        coefficient=coefficient,
+        campaigns=tuple(
+            ComparedCampaign(
+                campaign=e.campaign,
+                vehicle=e.vehicle,
+                verdict=e.result.verdict,
+                claim=e.claim,
+                quoted=HeadlineValue(**{key: getattr(e.quoted, key) for key in keys}),
+                in_population=estimate,
             )
-    kinds = sorted({e.kind for e in listed})
-    return tuple(_compared([e for e in listed if e.kind == kind], shared) for kind in kinds)
+            for e, estimate in zip(members, shrunk, strict=True)
+        ),
+        remarks=tuple(_remarks(members, together)),
+        population=together,
+    )
 
 
 def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
     """Covariance (n, n) of the errors of these entries; shared errors are off the diagonal too."""
-    total: FloatArray = np.diag([e.quoted.u**2 for e in members])
+    variance = np.array([e.quoted.u**2 for e in members])
+    total: FloatArray = np.diag(variance)
     for name in shared:
         part = np.array([e.parts.get(name, 0.0) for e in members])
-        if (part**2 > np.diag(total) * (1 + 1e-9)).any():
-            raise InputRefused(
-                "--shared",
-                f"{name!r} is larger than a campaign's whole uncertainty",
-                "fit that campaign again",
-            )
-        common = np.outer(part, part)
-        np.fill_diagonal(common, 0.0)
-        total += common
+        if (part**2 > variance * (1 + 1e-9)).any():
+            what = f"{name!r} is larger than a campaign's whole uncertainty"
+            raise InputRefused("--shared", what, "fit that campaign again")
+        total += np.outer(part, part) - np.diag(part**2)
     return total
+
+
+def _remarks(members: Sequence[Entry], together: Population | None) -> Iterator[str]:
+    """Remarks on a group: equal campaigns, and a spread that depends on its prior."""
+    same: dict[tuple[float, float], list[str]] = {}
+    for e in members:
+        same.setdefault((e.quoted.value, e.quoted.u), []).append(e.campaign)
+    for names in same.values():
+        if len(names) > 1:
+            yield (
+                f"{', '.join(names)} agree to the last digit: if they are the same trials, they"
+                f" count once, not {len(names)} times"
+            )
+    if together is not None:
+        mean, doubled = together.mean, together.spread_prior.mean_if_doubled
+        wider = max(abs(doubled.lo90 - mean.lo90), abs(doubled.hi90 - mean.hi90))
+        if wider > PRIOR_MATTERS * (mean.hi90 - mean.lo90):
+            ends = " to ".join(like(x, mean.u) for x in (doubled.lo90, doubled.hi90))
+            yield (
+                f"of {len(members)} campaigns the spread is little known, and its prior"
+                f" counts: were it twice as wide, the mean would be {ends}"
+            )
 
 
 def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignComparison:
@@ -174,100 +205,42 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
     from nearlift.report.page import comparison
     from nearlift.stages.gathering import for_print
 
-    listed = [entry for folder in finished(out, names) for entry in entries(folder)]
-    compared = CampaignComparison(shared=tuple(shared), groups=grouped(listed, shared))
+    content = compared([e for folder in finished(out, names) for e in entries(folder)], shared)
     target = out / "reports" / FOLDER
-    rows = forest.table(compared)
+    rows = forest.table(content)
     files = for_print(forest.draw, rows)
-    for kind, drawn in files.items():
-        tables.write_whole(target / f"forest.{kind}", drawn)
-    said = [
+    remarks = [
         f"{group.boundary.capitalize()}, {group.coefficient}: {remark}"
-        for group in compared.groups
+        for group in content.groups
         for remark in group.remarks
     ]
-    reported = {
-        str(name)
-        for name in rows["label"]
-        if (out / "reports" / str(name) / "index.html").is_file()
-    }
+    pages = (path.parent.name for path in target.parent.glob("*/index.html"))
     claims: dict[tuple[str, str], str] = {
-        (c.campaign, g.boundary): c.claim for g in compared.groups for c in g.campaigns
+        (c.campaign, g.boundary): c.claim for g in content.groups for c in g.campaigns
     }
-    page = comparison.page(rows, files["png"], reported, said, claims)
-    tables.write_whole(target / "index.html", page)
-    tables.write_whole(target / "comparison.json", tables.json_bytes(compared))
-    return compared
+    page = comparison.page(rows, files["png"], {*pages}, remarks, claims)
+    written = {f"forest.{kind}": drawn for kind, drawn in files.items()}
+    written |= {"index.html": page, "comparison.json": tables.json_bytes(content)}
+    for name, data in written.items():
+        tables.write_whole(target / name, data)
+    return content
 
 
-def table(compared: CampaignComparison) -> list[str]:
+def table(content: CampaignComparison) -> list[str]:
     """The comparison as lines of text."""
     lines = []
-    for group in compared.groups:
+    for group in content.groups:
         lines.append(f"{group.boundary}: {group.coefficient} of {group.model}")
         rows: list[tuple[str, Estimate, str]] = [
             (c.campaign, c.quoted, c.claim or c.verdict) for c in group.campaigns
         ]
         if together := group.population:
-            spread = together.spread
-            words = (
-                f"spread {plain(spread.value, 2)} (up to {plain(spread.hi90, 2)}); no spread:"
-                f" {_chance(together.p_value)}"
-            )
-            rows += [
-                ("population mean", together.mean, words),
-                ("next campaign", together.next, ""),
-            ]
+            spread, p = together.spread, together.p_value
+            chance = f"p = {plain(p, 2)}" if p > LEAST_CHANCE else f"p < {LEAST_CHANCE:g}"
+            up_to = f"spread {plain(spread.value, 2)} (up to {plain(spread.hi90, 2)})"
+            rows.append(("population mean", together.mean, f"{up_to}; no spread: {chance}"))
+            rows.append(("next campaign", together.next, ""))
         wide = max(len(name) for name, _, _ in rows)
-        for name, e, words in rows:
-            lines.append(f"  {name:<{wide}}  {coefficient_text(e)}  {words}".rstrip())
+        lines += [f"  {n:<{wide}}  {coefficient_text(e)}  {words}".rstrip() for n, e, words in rows]
         lines += [f"  {remark}" for remark in group.remarks]
     return lines
-
-
-def _remarks(members: Sequence[Entry], p: Population | None) -> tuple[str, ...]:
-    """Remarks on a group: equal campaigns, and a spread that depends on its prior."""
-    listed = []
-    same: dict[tuple[float, float], list[str]] = {}
-    for e in members:
-        same.setdefault((e.quoted.value, e.quoted.u), []).append(e.campaign)
-    for names in same.values():
-        if len(names) > 1:
-            listed.append(
-                f"{', '.join(names)} agree to the last digit: if they are the same trials, they"
-                f" count once, not {len(names)} times"
-            )
-    if p is not None:
-        doubled = p.spread_prior.mean_if_doubled
-        wider = max(abs(doubled.lo90 - p.mean.lo90), abs(doubled.hi90 - p.mean.hi90))
-        if wider > PRIOR_MATTERS * (p.mean.hi90 - p.mean.lo90):
-            ends = " to ".join(like(x, p.mean.u) for x in (doubled.lo90, doubled.hi90))
-            listed.append(
-                f"of {len(members)} campaigns the spread is little known, and its prior"
-                f" counts: were it twice as wide, the mean would be {ends}"
-            )
-    return tuple(listed)
-
-
-def _chance(p: float) -> str:
-    return f"p = {plain(p, 2)}" if p > LEAST_CHANCE else f"p < {LEAST_CHANCE:g}"
-
-
-def _compared(members: Sequence[Entry], shared: Sequence[str]) -> ComparedCoefficient:
-    """Entries of one kind, and what they say together unless they are too few."""
-    together: Population | None = None
-    shrunk: Sequence[Estimate | None] = [None] * len(members)
-    if len(members) >= FEWEST:
-        # an interval over rivals is lopsided, and its best value no centre: the population is
-        # fitted to the interval
-        value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])
-        together, shrunk = population(value, covariance(members, shared), members[0].quoted.unit)
-    boundary, model, coefficient = members[0].kind
-    return ComparedCoefficient(
-        boundary=boundary,
-        model=model,
-        coefficient=coefficient,
-        campaigns=tuple(e.compared(s) for e, s in zip(members, shrunk, strict=True)),
-        remarks=_remarks(members, together),
-        population=together,
-    )

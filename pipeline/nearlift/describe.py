@@ -46,93 +46,88 @@ def listing() -> str:
     """The catalogue: a line for every model, effect, product and symbol."""
     parts = ["# Catalogue"]
     for boundary in BOUNDARIES:
+        models = catalogue.models(boundary)
         rows = [
-            (f"`{m.name}`", m.title, ", ".join(p.name for p in m.parameters) or "nothing")
-            for m in catalogue.models(boundary)
+            (_codes([m.name]), m.title, ", ".join(p.name for p in m.parameters) or "nothing")
+            for m in models
         ]
         parts += [f"## Models: {boundary}", _table(("name", "title", "free"), rows)]
-    if catalogue.effects():
-        rows = [(f"`{e.name}`", e.acts_on, e.mechanism) for e in catalogue.effects()]
-        parts += ["## Effects", _table(("name", "acts on", "mechanism"), rows)]
-    parts += [
+    effects = [(_codes([e.name]), e.acts_on, e.mechanism) for e in catalogue.effects()]
+    products = [(_codes([p.file]), p.title) for p in PRODUCTS]
+    return _page(
+        *parts,
+        "## Effects",
+        _table(("name", "acts on", "mechanism"), effects),
         "## Products",
-        _table(("file", "holds"), [(f"`{p.file}`", p.title) for p in PRODUCTS]),
-    ]
-    parts += ["## Symbols", ", ".join(f"`{s.name}`" for s in SYMBOLS)]
-    return _page(parts)
+        _table(("file", "holds"), products),
+        "## Symbols",
+        _codes(s.name for s in SYMBOLS),
+    )
 
 
 def declaration(item: Declaration) -> str:
     """One model or effect."""
-    facts = [("name", f"`{item.name}`")]
+    facts = [("name", _codes([item.name]))]
     if isinstance(item, LiftModel):
-        facts += [
-            ("boundary", item.boundary),
-            ("rotors", item.rotors),
-            ("downwash", "yes" if item.downwash else "not modelled"),
-        ]
+        downwash = "yes" if item.downwash else "not modelled"
+        facts += [("boundary", item.boundary), ("rotors", item.rotors), ("downwash", downwash)]
     if isinstance(item, Effect):
-        acts_on = item.acts_on + (", additive" if item.additive else "")
-        recorded = ", ".join(f"`{n}`" for n in item.log_next_time) or "nothing more"
         facts += [
-            ("acts on", acts_on),
+            ("acts on", item.acts_on + (", additive" if item.additive else "")),
             ("mechanism", item.mechanism),
-            ("shape varies with", f"`{item.varies_with}`"),
+            ("shape varies with", _codes([item.varies_with])),
             ("identified by", item.separated_by or "nothing more"),
-            ("to be recorded", recorded),
+            ("to be recorded", _codes(item.log_next_time) or "nothing more"),
         ]
+    low, high = item.valid_z_hat
+    upper = "" if math.isinf(high) else f", up to {high:g}"
     facts += [
-        ("needs", ", ".join(f"`{n}`" for n in item.needs) or "nothing"),
-        ("valid", _range(item.valid_z_hat)),
+        ("needs", _codes(item.needs) or "nothing"),
+        ("valid", f"z_hat above {low:g}{upper}"),
     ]
-    parts = [f"# {item.title}", f"$$ {item.formula} $$", _table(("", ""), facts)]
-    if item.notes:
-        parts += [item.notes.strip()]
-    if item.parameters:
-        rows = [
-            (
-                f"`{p.name}`",
-                p.unit,
-                f"{p.value:.6g}",
-                f"{p.bounds[0]:g} to {p.bounds[1]:g}",
-                str(p.prior),
-                p.meaning,
-            )
-            for p in item.parameters
-        ]
-        parts += [
-            "## Parameters",
-            _table(("name", "unit", "value", "bounds", "prior", "meaning"), rows),
-        ]
+    parameters = [
+        (
+            _codes([p.name]),
+            p.unit,
+            f"{p.value:.6g}",
+            f"{p.bounds[0]:g} to {p.bounds[1]:g}",
+            str(p.prior),
+            p.meaning,
+        )
+        for p in item.parameters
+    ]
     source = item.source
-    cited = [
-        source.citation,
-        f"equation {source.equation}" if source.equation else "",
-        f"doi {source.doi}" if source.doi else "",
-    ]
-    parts += ["## Source", "; ".join(c for c in cited if c) + "."]
-    if source.doubts:
-        parts += ["Doubts:", "\n".join(f"- {d}" for d in source.doubts)]
+    equation = f"; equation {source.equation}" if source.equation else ""
+    doi = f"; doi {source.doi}" if source.doi else ""
     checks = [
         (f"{c.x:g}", _arguments(c.arguments), f"{c.expected:.7g}", f"{c.tolerance:g}", c.quoted_by)
         for c in item.checks
     ]
-    parts += ["## Checks", _table(("at", "with", "gives", "within", "quoted by"), checks)]
-    return _page(parts)
+    return _page(
+        f"# {item.title}",
+        f"$$ {item.formula} $$",
+        _table(("", ""), facts),
+        item.notes.strip(),
+        "## Parameters" if parameters else "",
+        _table(("name", "unit", "value", "bounds", "prior", "meaning"), parameters),
+        "## Source",
+        f"{source.citation}{equation}{doi}.",
+        "Doubts:" if source.doubts else "",
+        "\n".join(f"- {doubt}" for doubt in source.doubts),
+        "## Checks",
+        _table(("at", "with", "gives", "within", "quoted by"), checks),
+    )
 
 
 def product_page(product: Product) -> str:
     """One file that a stage writes."""
-    parts = [
+    columns = [(_codes([c.name]), c.kind, c.unit, c.meaning) for c in product.columns]
+    return _page(
         f"# {product.title}",
         f"`{product.file}`, schema `{product.schema}`. One row or entry: {product.row}.",
-    ]
-    if product.columns:
-        rows = [(f"`{c.name}`", c.kind, c.unit, c.meaning) for c in product.columns]
-        parts += [_table(("column", "kind", "unit", "meaning"), rows)]
-    if product.open_ended:
-        parts += ["Further columns may follow."]
-    return _page(parts)
+        _table(("column", "kind", "unit", "meaning"), columns),
+        "Further columns may follow." if product.open_ended else "",
+    )
 
 
 def symbol_page(item: Symbol) -> str:
@@ -142,46 +137,36 @@ def symbol_page(item: Symbol) -> str:
         ("unit", item.unit or "none"),
         ("in the paper", f"${item.paper_symbol}$" if item.paper_symbol else "not there"),
     ]
-    return _page(
-        [
-            f"# `{item.name}`",
-            f"{item.meaning[0].upper()}{item.meaning[1:]}.",
-            _table(("", ""), facts),
-        ]
-    )
+    meaning = f"{item.meaning[0].upper()}{item.meaning[1:]}."
+    return _page(f"# `{item.name}`", meaning, _table(("", ""), facts))
 
 
 def stages_page() -> str:
     """The stages in the order in which they run, with what makes each stale."""
     rows = [
         (
-            f"`{s.name}`",
+            _codes([s.name]),
             s.summary,
-            "every product" if s.report else ", ".join(f"`{p.file}`" for p in s.reads),
-            ", ".join(f"`{p.file}`" for p in s.writes),
-            ", ".join(f"`{section}`" for section in s.sections),
-            f"`{s.where}`" if s.where else "",
+            "every product" if s.report else _codes(p.file for p in s.reads),
+            _codes(p.file for p in s.writes),
+            _codes(s.sections),
+            _codes(filter(None, [s.where])),
         )
         for s in STAGES
     ]
-    head = ("stage", "", "reads", "writes", "sections of the manifest", "only with")
-    return _page(
-        [
-            "# Stages",
-            (
-                "A stage runs if its input, its output, one of its sections of the manifest, the"
-                " seed or nearlift itself has changed."
-            ),
-            _table(head, rows),
-        ]
+    text = (
+        "A stage runs if its input, its output, one of its sections of the manifest, the seed or"
+        " nearlift itself has changed."
     )
+    head = ("stage", "", "reads", "writes", "sections of the manifest", "only with")
+    return _page("# Stages", text, _table(head, rows))
 
 
 def nomenclature_page() -> str:
     """All symbols in one table."""
     rows = [
         (
-            f"`{s.name}`",
+            _codes([s.name]),
             f"${s.latex}$",
             s.unit,
             s.meaning,
@@ -189,7 +174,7 @@ def nomenclature_page() -> str:
         )
         for s in SYMBOLS
     ]
-    return _page(["# Nomenclature", _table(("name", "symbol", "unit", "meaning", "paper"), rows)])
+    return _page("# Nomenclature", _table(("name", "symbol", "unit", "meaning", "paper"), rows))
 
 
 def reference_pages() -> dict[str, str]:
@@ -204,25 +189,26 @@ def reference_pages() -> dict[str, str]:
         ("effects", "Effects", "acts on", [(e.name, e.title, e.acts_on) for e in EFFECTS]),
         ("products", "Products", "one row or entry", [(p.name, p.title, p.row) for p in PRODUCTS]),
     ):
-        rows = [[f"[`{name}`]({name}.md)", described, third] for name, described, third in items]
-        pages[f"{folder}/index.md"] = _page([f"# {title}", _table(["name", "", meaning], rows)])
+        rows = [(f"[`{name}`]({name}.md)", described, third) for name, described, third in items]
+        pages[f"{folder}/index.md"] = _page(f"# {title}", _table(("name", "", meaning), rows))
     return pages | {"nomenclature.md": nomenclature_page(), "stages.md": stages_page()}
 
 
-def _page(parts: Sequence[str]) -> str:
-    return "\n\n".join(parts) + "\n"
+def _page(*parts: str) -> str:
+    """Parts with empty lines between them; empty ones are left out."""
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Table in Markdown; empty without rows."""
+    lines = [head, ["---"] * len(head), *rows] if rows else []
     return "\n".join(
         "| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines
     )
 
 
-def _range(valid: tuple[float, float]) -> str:
-    low, high = valid
-    return f"z_hat above {low:g}" + ("" if math.isinf(high) else f", up to {high:g}")
+def _codes(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def _arguments(arguments: Mapping[str, object]) -> str:
