@@ -29,16 +29,9 @@ class Named(Protocol):
 T = TypeVar("T", bound=Named)
 
 
-def points(group: str) -> list[EntryPoint]:
-    """The entry points of a group, in the order of their packages' names."""
-    from importlib.metadata import entry_points
-
-    return sorted(entry_points(group=group), key=lambda p: (_package(p), p.name))
-
-
 def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
     """The built-in declarations followed by those that installed packages add to an entry-point
-    group.
+    group, in the order of the packages' names.
 
     Raises
     ------
@@ -46,42 +39,32 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
         A package cannot be loaded, offers something that is not a `wanted`, or a name that is
         taken.
     """
+    from importlib.metadata import entry_points
+
+    points = [(p.dist.name if p.dist else p.value, p) for p in entry_points(group=group)]
+    points.sort(key=lambda point: (point[0], point[1].name))
+    offered = [("nearlift", item) for item in built_in]
+    offered += [(package, _loaded(point, package, wanted)) for package, point in points]
     gathered: dict[str, T] = {}
     owner: dict[str, str] = {}
-
-    def add(item: T, package: str) -> None:
+    for package, item in offered:
         if item.name in gathered:
-            raise DeclarationError(
-                f"package {package}",
-                f"declares {item.name!r}, a name that {owner[item.name]} declares already",
-                "rename one of the two",
-            )
+            what = f"declares {item.name!r}, a name that {owner[item.name]} declares already"
+            raise DeclarationError(f"package {package}", what, "rename one of the two")
         gathered[item.name], owner[item.name] = item, package
-
-    for item in built_in:
-        add(item, "nearlift")
-    for point in points(group):
-        package = _package(point)
-        remedy = f"fix or uninstall {package}"
-        try:
-            offered = point.load()
-        except (Exception, SystemExit) as fault:  # whatever a foreign module raises on import
-            raise DeclarationError(
-                f"package {package}",
-                f"its entry point {point.name!r} in {group} breaks: {type(fault).__name__}:"
-                f" {fault}",
-                remedy,
-            ) from fault
-        if not isinstance(offered, wanted):
-            raise DeclarationError(
-                f"package {package}",
-                f"its entry point {point.name!r} in {group} is of type {type(offered).__name__},"
-                f" not {wanted.__name__}",
-                remedy,
-            )
-        add(offered, package)
     return tuple(gathered.values())
 
 
-def _package(point: EntryPoint) -> str:
-    return point.dist.name if point.dist is not None else point.value
+def _loaded(point: EntryPoint, package: str, wanted: type[T]) -> T:
+    """The value that an entry point names."""
+    where = f"its entry point {point.name!r} in {point.group}"
+    remedy = f"fix or uninstall {package}"
+    try:
+        offered = point.load()
+    except (Exception, SystemExit) as fault:  # whatever a foreign module raises on import
+        what = f"{where} breaks: {type(fault).__name__}: {fault}"
+        raise DeclarationError(f"package {package}", what, remedy) from fault
+    if not isinstance(offered, wanted):
+        what = f"{where} is of type {type(offered).__name__}, not {wanted.__name__}"
+        raise DeclarationError(f"package {package}", what, remedy)
+    return offered
