@@ -184,7 +184,6 @@ def minimise(
     scale: FloatArray,
     free: NDArray[np.bool_] | None = None,
     damping: float = DAMPING_MIN,
-    enough: float = 0.0,
 ) -> Minima:
     """Minimise the sum of squares of each of m problems by Levenberg-Marquardt steps.
 
@@ -203,8 +202,6 @@ def minimise(
         Parameters that are optimised (all if not given); the others are held at their start.
     damping : float
         Of the first step, relative to the diagonal.
-    enough : float
-        A search ends where an undamped step gains less than this.
     """
     theta = np.clip(np.array(start, dtype=float), *bounds)
     which = np.arange(theta.shape[1]) if free is None else np.flatnonzero(free)
@@ -233,13 +230,12 @@ def minimise(
         moved = np.abs((trial - theta[rows]) / scale).max(axis=1)
         new, new_r, new_slopes = at(trial, rows)
         better = new <= chi2[rows]
-        still = better & (chi2[rows] - new < enough)
         ahead = rows[better]
         theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = (
             x[better] for x in (trial, new, new_r, new_slopes)
         )
         damp[rows] = np.where(better, damp[rows] / 10, np.maximum(damp[rows] * 10, DAMPING))
-        active[rows] = (moved > STILL) & (damp[rows] < DAMPING_MAX) & ~still
+        active[rows] = (moved > STILL) & (damp[rows] < DAMPING_MAX)
     whole = np.isfinite(chi2)
     left = np.full((len(theta), len(which)), np.inf)
     left[whole] = _step(
