@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+
+from nearlift import terminal
 
 INTERRUPTED = """
 import os, signal, sys
@@ -39,3 +44,17 @@ def test_a_version_that_cannot_be_written_ends_with_a_message():
         )
     assert (ended.returncode, b"No space left" in ended.stderr) == (4, True)
     assert b"Traceback" not in ended.stderr
+
+
+def test_an_interrupt_that_a_library_swallows_is_repeated(monkeypatch):
+    monkeypatch.setattr(terminal, "REPEAT_S", 0.05)
+    before = signal.getsignal(signal.SIGTERM)
+
+    def swallow():
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        time.sleep(60)
+
+    with pytest.raises(KeyboardInterrupt), terminal.interruptible():
+        swallow()
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -108,6 +108,20 @@ def test_processes_import_nothing_from_the_current_folder_and_have_one_blas_thre
     assert isolation.SAFE_PATH not in os.environ
 
 
+def test_an_interrupt_ends_what_processes_do():
+    start = time.monotonic()
+
+    def interrupted(pool):
+        running = pool.submit(time.sleep, 600)
+        while not running.running():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), open_executor("processes:1") as pool:
+        interrupted(pool)
+    assert time.monotonic() - start < 300
+
+
 def test_trials_are_the_same_bytes_wherever_they_were_reduced(tmp_path):
     root, found = small_run.write(tmp_path / "raw", form="parquet", visits=1), set()
     for name in ("serial", "threads:2", "processes:2"):
