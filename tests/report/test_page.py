@@ -17,7 +17,7 @@ from tests.unit.elements import Elements, follow
 
 from nearlift.report import charts as interactive
 from nearlift.report.page.render import page, scripts
-from nearlift.report.registry import FIGURES
+from nearlift.report.registry import CHAPTERS, FIGURES, PARTS
 from nearlift.stages import report
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
@@ -329,6 +329,8 @@ def test_headings_skip_no_level_and_landmarks_are_there(outline):
         assert len(outline.every(landmark)) == 1
     ids = {a["id"] for _, a, _ in outline.elements if "id" in a}
     assert all(a["aria-labelledby"] in ids for a, _ in outline.every("section"))
+    titles = {chapter.title for chapter in CHAPTERS} - {"Verdict"}
+    assert not titles & {*PARTS.values()}
     first = next(a for name, a, inside in outline.elements if "body" in inside)
     assert first["class"] == "skip"
     assert first["href"][1:] in ids
@@ -339,6 +341,10 @@ def test_tables_have_captions_and_heads_have_scopes(outline):
     assert len(tables) == len(captions) > 8
     assert all(a.get("scope") in ("col", "row") for a, _ in outline.every("th"))
     assert all("div" in inside for _, inside in tables)
+    # on a phone each scrolls by keys
+    wide = [a for a, _ in outline.every("div") if a.get("class") == "wide"]
+    assert len(wide) == len(tables)
+    assert all(a["tabindex"] == "0" and a["aria-label"] for a in wide)
 
 
 def colours(block):

@@ -79,10 +79,11 @@ def table(
     kind = Markup(' class="hidden"') if hidden else ""
     of = Markup(' data-source="{}"').format(source) if source else ""
     columns = Markup("").join(Markup('<th scope="col">{}</th>').format(shown(h)) for h in heads)
+    wide = Markup(' tabindex="0" role="group" aria-label="{}"').format(shown(caption).striptags())
     return Markup(
-        '<div class="wide"><table><caption{}>{}</caption><thead><tr>{}</tr></thead>'
+        '<div class="wide"{}><table><caption{}>{}</caption><thead><tr>{}</tr></thead>'
         "<tbody{}>{}</tbody></table></div>"
-    ).format(kind, shown(caption), columns, of, Markup("\n").join(lines))
+    ).format(wide, kind, shown(caption), columns, of, Markup("\n").join(lines))
 
 
 def _row(row: Sequence[object], n: int) -> Markup:
@@ -98,8 +99,3 @@ def _row(row: Sequence[object], n: int) -> Markup:
 def figure(name: str) -> Markup:
     """Place of a figure."""
     return Markup(f"<!--figure {name}-->")
-
-
-def copies(name: str) -> Markup:
-    """Button that copies the text of an element, shown where the page's script runs."""
-    return Markup('<button type="button" data-copies="{}" hidden>Copy</button>').format(name)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 from markupsafe import Markup
 
@@ -39,10 +39,8 @@ from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.simulate import SAFETY
 
-Facts = Callable[[Evidence], Markup | Mapping[str, object]]
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Chapter:
     """One chapter. It is on the page when every product in `needs` exists.
 
@@ -56,26 +54,27 @@ class Chapter:
         Evidence to HTML, with a place for each figure; to a mapping for the template of the first
         screen.
     needs : tuple of Product
-    figures : tuple of FigureSpec
-        Those that it places.
+    drawn : str
+        Modules of the figures that it places.
     """
 
     part: str
     name: str
     title: str
-    facts: Facts
+    facts: Callable[[Evidence], Markup | Mapping[str, object]]
     needs: tuple[Product, ...] = (FIT,)
-    figures: tuple[FigureSpec, ...] = ()
+    drawn: str = ""
+
+    @cached_property
+    def figures(self) -> tuple[FigureSpec, ...]:
+        """Figures that it places."""
+        modules = (f"nearlift.report.figures.{name}" for name in self.drawn.split())
+        return tuple(importlib.import_module(module).FIGURE for module in modules)
 
 
-def _figures(*names: str) -> tuple[FigureSpec, ...]:
-    """Figures that these modules declare."""
-    return tuple(importlib.import_module(f"nearlift.report.figures.{n}").FIGURE for n in names)
-
-
-def _pictures(names: tuple[str, ...], evidence: Evidence) -> Markup:
+def _pictures(names: str, evidence: Evidence) -> Markup:
     """A chapter that is its figures."""
-    return blocks.join(*map(blocks.figure, names))
+    return blocks.join(*map(blocks.figure, names.split()))
 
 
 def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
@@ -86,15 +85,13 @@ def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
     for stage in stages:
         if stage.chapter is None:
             continue
-        names = stage.chapter.figures
-        facts: Facts = partial(_pictures, names)
-        if stage.chapter.facts:
-            module, _, name = stage.chapter.facts.partition(":")
-            facts = getattr(importlib.import_module(module), name)
-        title = stage.chapter.title
-        chapters.append(
-            Chapter("further", stage.name, title, facts, stage.writes, _figures(*names))
+        drawn = " ".join(stage.chapter.figures)
+        module, _, name = stage.chapter.facts.partition(":")
+        facts = (
+            getattr(importlib.import_module(module), name) if name else partial(_pictures, drawn)
         )
+        title = stage.chapter.title
+        chapters.append(Chapter("further", stage.name, title, facts, stage.writes, drawn))
     return tuple(chapters)
 
 
@@ -114,33 +111,26 @@ PARTS = {
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter("verdict", "verdict", "Verdict", verdict.facts),
-    Chapter("why", "diagnosis", "Diagnosis", diagnosis.facts, (DIAGNOSIS,), _figures("diagnosis")),
+    Chapter("why", "diagnosis", "Diagnosis", diagnosis.facts, (DIAGNOSIS,), "diagnosis"),
     Chapter("number", "doubts", "Doubts, and coefficients under other assumptions", numbers.doubts),
-    Chapter("number", "budget", "Uncertainty budget", numbers.budget, figures=_figures("budget")),
-    Chapter("number", "limits", "Degeneracies", numbers.limits, figures=_figures("profiles")),
-    Chapter(
-        "number",
-        "posterior",
-        "Posterior",
-        numbers.posterior,
-        (FIT, POSTERIOR),
-        _figures("corner"),
-    ),
+    Chapter("number", "budget", "Uncertainty budget", numbers.budget, drawn="budget"),
+    Chapter("number", "limits", "Degeneracies", numbers.limits, drawn="profiles"),
+    Chapter("number", "posterior", "Posterior", numbers.posterior, (FIT, POSTERIOR), "corner"),
     Chapter("number", "levels", "Lift far from the boundary", numbers.levels),
     Chapter(
         "data",
         "fig2",
         "Figure 2: lift change near each boundary",
-        partial(_pictures, ("fig2",)),
-        figures=_figures("fig2"),
+        partial(_pictures, "fig2"),
+        drawn="fig2",
     ),
     Chapter(
         "data",
         "residuals",
         "Residuals",
-        partial(_pictures, ("residuals",)),
+        partial(_pictures, "residuals"),
         (FIT, TRIALS),
-        _figures("residuals"),
+        "residuals",
     ),
     Chapter("data", "noise", "Noise and stated uncertainty", numbers.noise),
     Chapter("data", "quality", "Quality of trials", records.quality, (TRIALS, FIT)),
@@ -152,20 +142,15 @@ CHAPTERS: tuple[Chapter, ...] = (
         "Velocity fields and downwash",
         flow.facts,
         (FIT, *FLOW_PRODUCTS),
-        _figures("downwash", "fig3", "fig4", "fig5"),
+        "downwash fig3 fig4 fig5",
     ),
-    Chapter("flight", "safety", "Safety", safety.facts, (SAFETY,), _figures("fig6", "safety")),
+    Chapter("flight", "safety", "Safety", safety.facts, (SAFETY,), "fig6 safety"),
     Chapter(
-        "flight",
-        "proximity",
-        "Proximity",
-        proximity.facts,
-        (DETECTION, PROXIMITY),
-        _figures("detection"),
+        "flight", "proximity", "Proximity", proximity.facts, (DETECTION, PROXIMITY), "detection"
     ),
     *declared(STAGES),
     Chapter("paper", "methods", "Methods and citations, for a paper", methods.facts, (TRIALS, FIT)),
-    Chapter("origin", "provenance", "Provenance", records.provenance, ()),
+    Chapter("origin", "provenance", "Inputs, versions and command", records.provenance, ()),
 )
 
 FIGURES: tuple[FigureSpec, ...] = tuple(f for chapter in CHAPTERS for f in chapter.figures)

@@ -87,9 +87,7 @@ def provenance(evidence: Evidence) -> Markup:
     )
     return blocks.join(
         blocks.paragraph("To make the same files again, in the folder above the campaign:"),
-        Markup('<pre id="command" tabindex="0">{}</pre>{}').format(
-            command, blocks.copies("command")
-        ),
+        Markup('<pre tabindex="0">{}</pre>').format(command),
         *(
             blocks.fold(title, blocks.table(title, heads, rows, hidden=True))
             for title, heads, rows in tables

@@ -14,9 +14,11 @@ TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
 
 def facts(evidence: Evidence) -> dict[str, object]:
     """A card for each boundary, and the count of what was left out."""
+    trials = len(evidence.table(TRIALS)["quality"])
+    visit = " A visit: the trials of one stop at a distance."
     return {
         "cards": [card(evidence, brief) for brief in words.briefs(evidence)],
-        "removed": f"{len(evidence.table(TRIALS)['quality'])} trials, {words.removed(evidence)}.",
+        "removed": f"{trials} trials, {words.removed(evidence)}.{visit}",
     }
 
 

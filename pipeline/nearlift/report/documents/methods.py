@@ -91,10 +91,7 @@ def facts(evidence: Evidence) -> Markup:
     links = Markup(", ").join(Markup('<a href="{}">{}</a>').format(f, f) for f in files)
     return blocks.join(
         blocks.paragraph("With citations: {}.", links, note=True),
-        Markup('<div id="methods-text">{}</div>').format(
-            blocks.join(*(blocks.paragraph("{}", p) for p in paragraphs))
-        ),
-        blocks.copies("methods-text"),
+        *(blocks.paragraph("{}", p) for p in paragraphs),
     )
 
 

@@ -85,7 +85,7 @@ CLOUD = 3000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """What a manifest says of figures.
+    """Choices of a manifest for figures.
 
     Attributes
     ----------

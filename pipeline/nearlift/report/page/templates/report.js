@@ -40,14 +40,6 @@
   };
   for (const place of document.querySelectorAll("[data-view].view")) walk(place);
 
-  for (const button of document.querySelectorAll("button[data-copies]")) {
-    button.hidden = !navigator.clipboard;
-    button.addEventListener("click", async () => {
-      await navigator.clipboard.writeText(document.getElementById(button.dataset.copies).textContent.trim());
-      button.textContent = "Copied";
-    });
-  }
-
   // A link's target is unfolded: a chapter, the only one of a part, or whatever hides it.
   const reveal = () => {
     const found = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
