@@ -20,8 +20,8 @@ from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.expected_noise import planned
+from nearlift.loop.power import size_parameters
 from nearlift.loop.search_problem import Options
-from nearlift.loop.size_parameter import size_parameters
 from nearlift.observed import observe
 from nearlift.planning.plans import plan, scatter
 from nearlift.run.workers import ordered

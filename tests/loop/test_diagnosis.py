@@ -10,8 +10,6 @@ from scipy.stats import binom
 from tests.unit.simulated import L_INF, STATIONS, campaign, findings, hsiao
 
 from nearlift import catalogue
-from nearlift.declare import Parameter, normal, uniform
-from nearlift.declare.parameter import Prior
 from nearlift.errors import NotConverged
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import missing
@@ -26,7 +24,7 @@ from nearlift.loop import (
     structure,
     weigh,
 )
-from nearlift.loop.candidate import Candidate, moments
+from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import fit as candidate_fit
 from nearlift.loop.candidate_fit import search as candidate_search
 from nearlift.loop.diagnose import set_up
@@ -59,13 +57,6 @@ def null_stage():
 
 
 @pytest.fixture(scope="module")
-def sagging_stage():
-    return set_up(campaign(11, visits=10, gain=sag(0.5), session_gain=0.01), GROUND, (), Options())[
-        0
-    ]
-
-
-@pytest.fixture(scope="module")
 def ambiguous():
     """A datum 5 mm off, which several effects of distance could be."""
     answer = run(set_up(campaign(9, visits=8, datum=-5e-3), GROUND, (), Options())[0])
@@ -85,24 +76,6 @@ def test_a_sagging_supply_is_found_named_and_removed(sagging):
         error["after"]["held_out_rmse"] / error["before"]["held_out_rmse"] - 1
     )
     assert error["change"]["hi90"] < 0
-
-
-def test_the_coefficient_before_and_after_has_three_intervals(sagging):
-    after = sagging["coefficients"]["after"]["K_b"]
-    assert after["lo90"] <= after["conditional"][0] < after["conditional"][1] <= after["hi90"]
-    assert after["constrained"][1] - after["constrained"][0] > after["hi90"] - after["lo90"]
-    # one campaign in ten misses its 90 % interval, and undetected effects are in none of them: the
-    # widest must hold the truth
-    assert after["constrained"][0] < 2.0 < after["constrained"][1]
-
-
-def test_false_alarms_stay_near_their_rate():
-    # 20 nulls at a stated 5 %: 5 or more claims happen by chance once in 390
-    verdicts = [
-        findings(campaign(500 + s, visits=5), GROUND, confirm=False, seed=s)["verdict"]
-        for s in range(20)
-    ]
-    assert sum(v != "adequate" for v in verdicts) < 5
 
 
 def test_an_adequate_model_is_left_alone():
@@ -230,15 +203,6 @@ def test_without_the_correction_for_many_candidates_chance_finds_something(null_
     assert sum(found) > binom.isf(1e-6, 30, 0.05)
 
 
-def test_a_threshold_is_known_to_the_draws_that_lie_beyond_it(null_stage):
-    # of so many draws a twentieth lies beyond: the rate at another draw's threshold is binomial,
-    # and 15 of them stay within 4 sd
-    first, *others = (drawn(null_stage, source) for source in range(15))
-    sd = np.sqrt(2 * 0.05 * 0.95 / structure.DRAWS)
-    assert all(abs(first.p_value(other.threshold(0.05)) - 0.05) < 4 * sd for other in others)
-    assert first.p_value(first.threshold(0.05)) == pytest.approx(0.05, abs=2 / structure.DRAWS)
-
-
 def test_what_is_named_does_not_hang_on_the_seed(ambiguous):
     stage, answer = ambiguous
     sets = []
@@ -274,12 +238,6 @@ def test_the_value_over_rivals_does_not_jump_where_two_change_places(ambiguous):
     assert pair.value == pytest.approx(share * one + rest * other)
 
 
-def test_every_explanation_is_held_against_one_threshold(ambiguous):
-    stage, answer = ambiguous
-    every = (*answer.singles, *answer.pairs)
-    assert {stage.left_by(e).threshold for e in every} == {answer.first.threshold}
-
-
 def test_far_tails_do_not_underflow():
     stacked, ranks = np.eye(4)[:, :2], np.array([2])
     values = structure.log10_p(np.array([[60.0, 0, 0, 0], [80.0, 0, 0, 0]]), stacked, ranks)
@@ -293,45 +251,6 @@ def test_folds_hold_out_whole_visits_and_every_trial_once(null_stage):
     for mask in masks:
         assert not set(null_stage.data.visit[mask]) & set(null_stage.data.visit[~mask])
         assert set(null_stage.data.z_hat[~mask]) == set(null_stage.data.z_hat)
-
-
-def test_with_few_visits_each_is_left_out_in_turn(null_stage):
-    few = null_stage.data.take(null_stage.data.visit < 9)
-    assert len(confirmation.folds(few)) == 9
-
-
-def test_rmse_interval_covers():
-    rng = np.random.default_rng(6)
-    visit = np.repeat(np.arange(60), 4)
-    inside = 0
-    for _ in range(200):
-        _, low, high = confirmation.rmse(rng.normal(0, 0.01, 240), visit)
-        inside += low < 0.01 < high
-    assert 165 <= inside <= 194
-
-
-def test_the_change_of_the_error_is_known_better_than_the_errors():
-    rng = np.random.default_rng(8)
-    visit = np.repeat(np.arange(60), 4)
-    inside = 0
-    for _ in range(200):
-        noise, effect = rng.normal(0, 0.01, 240), 0.004 * np.sign(rng.normal(size=240))
-        _, low, high = confirmation.change(noise + effect, noise, visit)
-        inside += low < 1 / np.sqrt(1 + 0.4**2) - 1 < high
-    assert 165 <= inside <= 194
-    _, before_low, _ = confirmation.rmse(noise + effect, visit)
-    _, _, after_high = confirmation.rmse(noise, visit)
-    # the errors' own intervals overlap where their change is plain
-    assert high < 0
-    assert after_high > before_low
-    assert np.isnan(confirmation.change(noise[:8], noise[:8], visit[:8])).all()
-
-
-def test_three_visits_tell_a_change_of_the_error_and_two_do_not():
-    """All errors halved: the change is -1/2 in every visit, so its interval has no width."""
-    after, visit = np.array([0.1, -0.2, 0.3, 0.1, -0.2, 0.2]), np.repeat([4, 5, 9], 2)
-    assert confirmation.change(2 * after, after, visit) == pytest.approx((-0.5, -0.5, -0.5))
-    assert np.isnan(confirmation.change(2 * after[:4], after[:4], visit[:4])).all()
 
 
 def test_families_do_not_carry_the_trials_own_noise(null_stage):
@@ -364,24 +283,6 @@ def test_a_step_is_tried_between_visits_at_forty_places_at_most(visits, steps):
         assert np.array_equal(after[::2], after[1::2])
 
 
-@pytest.mark.parametrize(
-    ("prior", "centre", "width"),
-    [
-        (uniform(0.2, 0.8), 0.5, 0.6 / np.sqrt(12)),
-        (normal(0.3, 0.1), 0.3, 0.1),
-        (Prior(distribution="halfnorm", scale=0.4), 0.0, 0.4),
-        # of a log-normal, exp(m + s^2 / 2), and that times sqrt(exp(s^2) - 1)
-        (Prior(distribution="lognorm", shape=(0.5,), scale=2.0), 2.2663, 1.2078),
-    ],
-)
-def test_a_prior_counts_by_its_centre_and_width(prior, centre, width):
-    """A half-normal by its end and its scale."""
-    parameter = Parameter(
-        name="x", unit="1", value=0.5, bounds=(0.0, 1.0), prior=prior, meaning="a size"
-    )
-    assert moments(parameter) == pytest.approx((centre, width), rel=1e-4)
-
-
 def test_a_tube_has_the_declared_relative_size(null_stage):
     effect = catalogue.effect("supply_sag")
     candidate = Candidate(base=GROUND, effects=(effect,), data=null_stage.data)
@@ -405,21 +306,6 @@ def test_an_unseen_session_has_no_gain(null_stage):
     added = candidate.log_ratio(vector, data) - plain
     assert added[data.session == 1] == pytest.approx(np.log(1.02))
     assert added[data.session == 4] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_what_parts_two_explanations_grows_with_the_square_of_what_they_differ_by(null_stage):
-    supply, at = catalogue.effect("supply_sag"), null_stage.base_fit.vector
-    none = ((), at)
-
-    def parted(size, *other):
-        one = ((supply,), np.append(at, size))
-        return separation.parted(null_stage, null_stage.data, one, *(other or (none,)))
-
-    assert parted(0.0) == pytest.approx(0.0, abs=1e-9)
-    assert parted(2e-3) == pytest.approx(4 * parted(1e-3), rel=0.02)
-    assert parted(2e-3) > 0
-    # what the other can be with another size of its own parts nothing
-    assert parted(2e-3, ((supply,), np.append(at, 1e-3))) == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_proposed_session_adds_power(null_stage):
@@ -604,61 +490,6 @@ def test_what_held_out_visits_do_not_confirm_is_not_named(monkeypatch):
     assert "nothing is gained on visits" in found["rounds"][-1]["reason"]
 
 
-def test_held_out_visits_are_weighed_by_how_well_they_are_known(null_stage):
-    # an effect seen well everywhere but at the visits whose height was off: unweighted, those would
-    # drown it
-    data, rng = null_stage.data, np.random.default_rng(4)
-    stage = dataclasses.replace(
-        null_stage,
-        noise=dataclasses.replace(null_stage.noise, relative=1e-3, force_N=0.0, height_m=2e-3),
-    )
-    visits, label = np.unique(data.visit, return_inverse=True)
-    off = stage.noise.height_m * stage.slope * rng.standard_normal(len(visits))[label]
-    effect = 5e-4 * np.sign(np.sin(np.arange(data.n)))
-    noise = 1e-3 * rng.standard_normal(data.n) + off
-    scored = confirmation.HeldOut(
-        before=noise + effect, after=noise + effect, named=noise, visit=data.visit, chosen=()
-    )
-    # what the folds chose is for the error; whether the effect predicts, for the effect itself
-    assert confirmation.improves(stage, scored)
-    assert not confirmation.improves(
-        stage, dataclasses.replace(scored, before=noise, named=noise + effect)
-    )
-    # chance alone, as large: no credit
-    idle = dataclasses.replace(
-        scored, before=noise, named=noise + 5e-4 * rng.standard_normal(data.n)
-    )
-    assert not confirmation.improves(stage, idle)
-    # one wild trial on either side decides nothing
-    wild = np.zeros(data.n)
-    wild[7] = 0.5
-    assert confirmation.improves(
-        stage,
-        dataclasses.replace(scored, before=scored.before + wild, named=scored.named + 1.1 * wild),
-    )
-
-
-def test_a_name_accounts_for_the_greater_part_of_what_is_there_without_it(sagging_stage):
-    stage = sagging_stage
-    effects = {e.name: e for e, _ in stage.library}
-    alone = {n: stage.explain((effects[n],)) for n in ("supply_sag", "session_gain", "tilt")}
-
-    def beside(*names):
-        return stage.explain(tuple(effects[n] for n in names), tuple(alone[n].gain for n in names))
-
-    # two effects of which each leaves what the other did: both are wanted; a passenger beside
-    # either is not
-    assert beside("supply_sag", "session_gain").needed
-    assert not beside("supply_sag", "tilt").needed
-    assert not beside("session_gain", "tilt").needed
-    # an uncertain form makes no difference to that: it is not what the effect accounts for
-    free = stage.judged(alone["tilt"].fitted, 50.0, (0.0,))
-    left, left_alone = stage.left_by(free), stage.left_by(alone["tilt"])
-    assert left.log10_p.min() > left_alone.log10_p.min()
-    assert not free.needed
-    assert not free.accepted
-
-
 def test_an_effect_that_restarts_with_every_session_may_differ_in_size_each_time():
     def warming(c):
         n = len(c["start_s"])
@@ -696,25 +527,6 @@ def test_an_effect_that_no_fold_found_still_predicts():
     tilted = tuple(e for e, _ in stage.library if e.name == "tilt")[:1]
     assert not confirmation.improves(stage, confirmation.held_out(stage, blind, tilted))
     assert np.array_equal(confirmation.held_out(stage, blind).named, scored.before)
-
-
-def test_what_begins_anew_at_every_start_need_not_begin_alike(null_stage):
-    effects = {e.name: e for e, _ in null_stage.library}
-
-    def freedom(name, size):
-        candidate = null_stage.candidate(effects[name])
-        vector = candidate.null.copy()
-        vector[candidate.sizes()] = size
-        form_discrepancy = candidate.form_discrepancy(vector, 0.2)
-        # what it grants to the first session alone
-        first = null_stage.data.session == 0
-        wanted = candidate.contribution(vector, effects[name]) * first
-        rest = wanted - form_discrepancy @ np.linalg.lstsq(form_discrepancy, wanted, rcond=None)[0]
-        return float(np.sum(rest**2) / np.sum(wanted**2))
-
-    assert null_stage.data.session.max() > 0
-    assert freedom("warm_up", 0.02) < 1e-12
-    assert freedom("supply_sag", 0.5) > 0.01
 
 
 def test_a_strange_form_that_accounts_for_nearly_all_is_accepted():
@@ -766,34 +578,6 @@ def test_what_a_pair_could_gain_is_what_both_take_of_the_residual(null_stage):
         for x in (without, both)
     ]
     assert gains["supply_sag", "zero_offset"] == pytest.approx(left[0] - left[1], rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("gains", "single_step"),
-    [([1.0, 1.0, 1.0, 0.0, 0.0], True), ([0.0, 1.2, -0.9, 1.0, -1.1], False)],
-)
-def test_gains_that_differ_by_session_are_no_single_step_in_time(gains, single_step):
-    data = campaign(23, visits=10)
-    lift_N = data.lift_N * (1 + 0.006 * np.array(gains)[data.session])
-    answer = run(set_up(dataclasses.replace(data, lift_N=lift_N), GROUND, (), Options())[0])
-    named = [e.effects for e in answer.accepted]
-    if single_step:
-        assert ("session_gain",) not in named
-    else:
-        assert named[0] == ("session_gain",)
-
-
-def test_a_straight_line_that_its_form_contains_does_not_disown_an_effect():
-    """A zero that drifts slowly is a straight line: both describe it, and the line has fewer
-    parameters.
-    """
-    data = campaign(24, visits=10)
-    start = data.covariates["start_s"]
-    since = start - np.array([start[data.session == k].min() for k in range(5)])[data.session]
-    drift = 0.012 * np.median(data.lift_N) * since / since.max()
-    stage = set_up(dataclasses.replace(data, lift_N=data.lift_N + drift), GROUND, (), Options())[0]
-    answer = run(stage)
-    assert ("zero_drift",) in {e.effects for e in answer.accepted}
 
 
 def test_an_adequate_model_predicts_to_the_noise_floor_and_strains_nothing_declared(null_stage):

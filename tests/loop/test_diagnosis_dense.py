@@ -26,10 +26,9 @@ from nearlift.loop import (
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.explanation import LEAST_SHARE
 from nearlift.loop.families import families
+from nearlift.loop.power import size_parameters
 from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.search_problem import Options
-from nearlift.loop.size_parameter import size_parameters
-from nearlift.loop.visibility import visibility
 from nearlift.results.diagnosis import FORM_SD
 
 GROUND = catalogue.model("sanchez_cuevas")
@@ -272,7 +271,7 @@ def test_visibility_is_the_share_of_energy_that_theta_and_levels_leave(stage):
                 left += integrated(stage, c, jacobian, np.zeros((len(c), 0)))[0]
                 whole += c @ inverse @ c
             shares.append(left / whole)
-        assert visibility(stage, effect) == pytest.approx(max(shares), rel=1e-6, abs=1e-9)
+        assert stage.visibility(effect) == pytest.approx(max(shares), rel=1e-6, abs=1e-9)
 
 
 def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage):
@@ -303,26 +302,6 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
             ), name
             checked += 1
     assert checked > 20
-
-
-def test_excess_is_the_chi_square_of_all_directions_beyond_their_number(stage):
-    rest, slopes, *_ = linearised(stage, stage.base_fit)
-    root = np.linalg.cholesky(stage.space.covariance.dense())
-    x = np.hstack(
-        [
-            levels(stage),
-            slopes,
-            *(f.columns for f in families(stage.data)),
-            *(c for _, c in stage.library),
-        ]
-    )
-    white, y = np.linalg.solve(root, x / np.linalg.norm(x, axis=0)), np.linalg.solve(root, rest)
-    a, _ = np.linalg.qr(np.linalg.solve(root, levels(stage)))
-    u, s, _ = np.linalg.svd(white - a @ (a.T @ white), full_matrices=False)
-    u = u[:, s > 1e-6 * s[0]]
-    assert stage.excess == pytest.approx(
-        np.sum((u.T @ (y - a @ (a.T @ y))) ** 2) - u.shape[1], rel=0.01
-    )  # directions at the edge of the rank
 
 
 def of_left(e, present):
@@ -575,64 +554,6 @@ def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_witho
     assert needed()
 
 
-def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
-    stage, tried, monkeypatch
-):
-    effects = tuple({e.name: e for e, _ in stage.library}.values())
-    every = list(itertools.combinations(effects, 2))
-    gains = {(a.name, b.name): float(10 * i) for i, (a, b) in enumerate(every)}
-    gains |= {(e.name, ""): 0.0 for e in effects}
-    single = {e.name: 0.0 for e in effects}
-    monkeypatch.setattr(search, "pair_gains", lambda _: gains)
-    monkeypatch.setattr(search, "PAIRS", len(every) - 1)
-    # what could account for nothing like the greater part is not tried, but for the first few
-    monkeypatch.setattr(search, "FIRST_PAIRS", 1)
-    stage = dataclasses.replace(stage)
-    excess = vars(stage)["excess"] = (stage.excess_sd + 11.0 * (len(every) // 2)) / 0.6
-    might = [stage.explains_enough(1.1 * 10 * i + 10, excess) for i in range(len(every))]
-    assert 1 < sum(might) < len(every) - 1
-    assert (
-        search.promising(stage, single, list(effects), None)
-        == [pair for pair, may in zip(every, might, strict=True) if may][::-1]
-    )
-    # beside what one accounts for alone, more is wanted
-    half = single | {"supply_sag": excess / 2}
-    gains["supply_sag", ""] = excess / 2
-    given = search.promising(stage, half, list(effects), None)
-    assert 1 <= len(given) < sum(might)
-    gains["supply_sag", ""] = 0.0
-    monkeypatch.setattr(search, "FIRST_PAIRS", len(every))
-    assert search.promising(stage, single, list(effects), None) == every[:0:-1]
-    alone = dataclasses.replace(tried["supply_sag"], gain=35.5)
-    single["supply_sag"] = 35.5
-    # beyond 35.5 + 9
-    gains["supply_sag", ""] = 35.5
-    assert search.promising(stage, single, list(effects), alone) == every[:4:-1]
-    # 40 beyond first order, beside another effect, too
-    gains["supply_sag", ""] = -4.5
-    bent = [
-        10.0 * i + 40 * ("supply_sag" in (a.name, b.name)) > 35.5 + 9
-        for i, (a, b) in enumerate(every)
-    ]
-    assert sum(bent) > len(every[:4:-1])
-    given = search.promising(stage, single, list(effects), alone)
-    assert sorted(map(every.index, given)) == np.flatnonzero(bent).tolist()
-
-
-def test_folds_take_turns_by_station():
-    data = campaign(2, visits=4)
-    masks = confirmation.folds(data)
-    for offset, station in enumerate(np.unique(data.z_hat)):
-        visits = np.unique(data.visit[data.z_hat == station])
-        for i, v in enumerate(visits):
-            assert [bool(m[data.visit == v].all()) for m in masks] == [
-                (i + offset) % 3 == f for f in range(3)
-            ]
-    few = data.take(data.visit < 15)
-    assert len(confirmation.folds(few)) == 15
-    assert len(confirmation.folds(data.take(data.visit < 16))) == 3
-
-
 def test_a_throttle_that_only_a_fold_has_cannot_be_predicted(stage):
     """The trials of one visit at a throttle of their own: nan where that visit is held out, and
     predictions of all others.
@@ -672,61 +593,6 @@ def test_chance_knows_that_the_noise_is_estimated_too():
         expected = chi2.logsf(t.ppf(0.975, dof) ** 2, 1) / np.log(10)
         # a twentieth of the draws lies beyond: a few hundred
         assert drawn.threshold(0.05) == pytest.approx(expected, rel=0.08)
-
-
-def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(
-    stage, tried, monkeypatch
-):
-    """Large: a gain of 0.3 in chi2 for every trial; at most twice, and not again about the same."""
-    taken = []
-
-    def prepared(*ground, about):
-        taken.append(about)
-        return dataclasses.replace(stage, about=about)
-
-    monkeypatch.setattr(search, "prepare", prepared)
-
-    def outcome(*bests):
-        """What comes of it where the search finds these, one after the other."""
-        passes = iter(bests)
-
-        def run(stage, shortlist):
-            return search.Answer(
-                problem=stage, first=None, singles=(), pairs=(), accepted=(next(passes),)
-            )
-
-        monkeypatch.setattr(search, "run", run)
-        taken.clear()
-        assert search.search_to_convergence(stage).accepted == bests[-1:]
-        return taken
-
-    small, sag, other = (
-        dataclasses.replace(tried[name], gain=share * stage.data.n)
-        for name, share in (("supply_sag", 0.29), ("supply_sag", 0.31), ("warm_up", 0.31))
-    )
-    about_sag, about_other = ((e.fitted.candidate, e.fitted.vector) for e in (sag, other))
-    assert outcome(small) == []
-    assert outcome(sag, sag) == [about_sag]
-    assert outcome(sag, other, sag) == [about_sag, about_other]
-
-
-def test_only_a_named_effect_changes_the_error():
-    rng = np.random.default_rng(1)
-    scored = confirmation.HeldOut(
-        before=rng.normal(0, 0.01, 30),
-        after=rng.normal(0, 0.005, 30),
-        named=np.zeros(30),
-        visit=np.repeat(np.arange(10), 3),
-        chosen=(),
-    )
-    for verdict in ("adequate", "unexplained", "effect"):
-        found = confirmation.error(SimpleNamespace(verdict=verdict), scored, 0.004)
-        value, low, high = confirmation.rmse(
-            scored.after if verdict == "effect" else scored.before, scored.visit
-        )
-        after = found.after
-        assert (after.held_out_rmse, after.lo90, after.hi90) == (value, low, high)
-        assert (found.change is not None) == (verdict == "effect")
 
 
 def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):

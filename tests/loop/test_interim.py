@@ -34,12 +34,6 @@ def test_the_boundary_is_obrien_and_flemings(looks, constant):
     assert claimed == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / paths))
 
 
-def test_nominal_levels_are_those_printed():
-    """The same book: p-values that five looks need."""
-    found = [nominal_level(0.0413, k / 5) for k in range(1, 6)]
-    assert found == pytest.approx([5.05e-6, 0.00125, 0.00843, 0.0225, 0.0413], rel=0.005)
-
-
 def test_looking_costs_two_tenths_of_a_per_cent_at_most():
     """100 looks at noise, then the end at the full rate; by reflection the looks alone claim in at
     most twice their share.

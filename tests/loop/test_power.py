@@ -5,19 +5,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.unit.simulated import THROTTLES, campaign, hsiao
+from tests.unit.simulated import campaign, hsiao
 
 from nearlift import catalogue
 from nearlift.errors import NotConverged
 from nearlift.likelihood.covariates import derive
-from nearlift.loop import design_report, expected_noise
-from nearlift.loop import power as loop_power
+from nearlift.loop import design_report
 from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.expected_noise import planned
+from nearlift.loop.power import LIMIT_POWER, size_parameters
 from nearlift.loop.search import run
 from nearlift.loop.search_problem import Options
-from nearlift.loop.size_parameter import LIMIT_POWER, size_parameters
 from nearlift.loop.within_trial import heating, power
 from nearlift.results import Noise
 from nearlift.results.explanation import Power
@@ -42,30 +41,6 @@ def size_parameter(name, which=0):
 
 
 # ---- the core
-
-
-def test_a_name_is_foretold_to_compete_with_a_gain_that_wanders(design, monkeypatch):
-    sessions, tilt = size_parameter("session_gain"), size_parameter("tilt")
-    chances = []
-    for _ in range(2):
-        chances.append([design.contest(h, design.limit(h)).within for h in (sessions, tilt)])
-        monkeypatch.setattr(
-            loop_power, "log_evidence_gain", lambda scores, *_: np.zeros(scores.shape[1])
-        )
-    (differing, tilted), (alone, upright) = chances
-    assert differing < alone - 0.1
-    assert tilted == pytest.approx(upright, abs=0.02)
-
-
-def test_noise_is_drawn_as_large_as_rehearsals_leave_it_per_degree_of_freedom(design, monkeypatch):
-    """Where they leave four times the noise's variance, each for its degrees of freedom, twice."""
-    data = design.problem.data
-    dof = data.n - len(THROTTLES) - 1
-    rehearsed = SimpleNamespace(
-        noise=design.problem.noise, base_fit=SimpleNamespace(chi2=4.0 * dof)
-    )
-    monkeypatch.setattr(expected_noise, "prepare", lambda *_: rehearsed)
-    assert expected_noise._rehearsed(design.problem).quiet == pytest.approx(2.0, rel=1e-12)
 
 
 def test_without_an_effect_the_chance_is_the_false_alarm_rate(design):
@@ -170,31 +145,6 @@ def test_a_contest_foretells_the_search(design):
     assert [e.name for e in answer.accepted] == ["supply_sag"]
 
 
-def test_a_contest_sees_the_effect_here_and_elsewhere(design, monkeypatch):
-    asked = []
-
-    def seen(_, effect):
-        asked.append(effect)
-        return np.ones(len(effect), dtype=bool)
-
-    monkeypatch.setattr(type(design), "seen", seen)
-    h = size_parameter("session_gain")
-    design.contest(h, 0.5)
-    elsewhere = design._elsewhere(h, 0.5)
-    assert np.abs(elsewhere).max() > 0
-    assert np.allclose(asked[0], design.visible(h, 0.5) + elsewhere)
-
-
-def test_chances_are_ordered(design):
-    found = design.power(size_parameter("zero_drift"))
-    for name in ("seen", "within", "first", "alone"):
-        assert np.all((getattr(found, name) >= 0) & (getattr(found, name) <= 1))
-    assert np.all(found.within <= found.seen + 1e-12)
-    assert np.all(found.first <= found.within + 1e-12)
-    assert np.all(found.alone <= found.first + 1e-12)
-    assert found.seen[0] < 0.1 < 0.9 < found.seen[-1]
-
-
 def test_limits_are_read_off_a_curve():
     size = np.array([0.0, 1.0, 2.0])
     curve = Power(
@@ -219,7 +169,7 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
     design, library, _ = planned(
         data, catalogue.model("hsiao_chirarattananon"), (), NOISE, Options(), np.array([0.125])
     )
-    row = design_report.weigh(design, size_parameter("height_scale"))
+    row = design_report.effect_outlook(design, size_parameter("height_scale"), [1.0])
     assert row.verdict == "silent"
     assert row.detection_limit is None
     assert row.bias["alpha"].in_u != 0

@@ -13,9 +13,9 @@ from tests.unit.simulated import campaign
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop import diagnose as loop
-from nearlift.loop import search, stability, weigh
+from nearlift.loop import search, stability
 from nearlift.loop.diagnose import diagnose, set_up
-from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
+from nearlift.loop.evidence import CREDIT
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import (
     LOOK,
@@ -125,26 +125,6 @@ def test_where_no_trial_matters_nothing_is_made_again(quoted):
     assert with_decisive_trial(unknown, pytest.fail) is unknown
 
 
-def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
-    headline = quoted.coefficients["K_b"]
-    first = headline.influence.trial.id
-
-    def without(trial):
-        value = headline.value + (0.1 if trial == first else -1.5) * headline.u
-        intervals = {"K_b": (value, value - 1.0, value + 1.0)}
-        verdict = quoted.verdict if trial == first else "effect"
-        return Without(verdict=verdict, effects=(), intervals=intervals)
-
-    found = with_decisive_trial(quoted, without, (Shift(id="t9", shift=0.0, z_hat=1.5),))
-    assert found.rests_on.trial == "t9"
-    assert dependence(found).startswith(
-        "The answer depends on trial t9 (z_hat = 1.5): without it the verdict is"
-    )
-    assert with_decisive_trial(quoted, without).rests_on is None
-    # without which the others cannot be diagnosed
-    assert with_decisive_trial(quoted, lambda trial: None) is quoted
-
-
 @pytest.mark.parametrize("beyond", [-0.1, 0.1])
 @pytest.mark.parametrize("ordered", [True, False])
 def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond, ordered):
@@ -168,32 +148,6 @@ def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond, or
         # to first order it lies beyond
         assert (again - least) / beyond > 0.8
     # where the test is far from its threshold no trial turns it
-    assert trials_flipping_a_test(at(least + 100 * beyond)) == ()
-
-
-@pytest.mark.parametrize("beyond", [-0.1, 0.1])
-def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are_tried(
-    sagging, beyond
-):
-    answer, _ = sagging
-    stage, (found,) = answer.problem, answer.accepted
-    least = found.left.log10_p.min()
-
-    def at(threshold):
-        tested = (replace(found, left=replace(found.left, threshold=threshold)),)
-        return replace(answer, accepted=tested, singles=tested)
-
-    tried = trials_flipping_a_test(at(least + beyond))
-    assert 1 <= len(tried) <= TRIES
-    for trial in tried:
-        keep = stage.data.trial != trial.id
-        rest = replace(stage, data=stage.data.take(keep), log_lift=stage.log_lift[keep])
-        again = rest.left_by(rest.explain(found.fitted.candidate.effects)).log10_p.min()
-        assert (again - least) / beyond > 0.7
-    # that its form is taken for less uncertain once it is named changes nothing
-    alone = at(least + beyond)
-    alone = replace(alone, accepted=(alone.accepted[0].without_rivals(),))
-    assert [one.id for one in trials_flipping_a_test(alone)] == [one.id for one in tried]
     assert trials_flipping_a_test(at(least + 100 * beyond)) == ()
 
 
@@ -242,43 +196,6 @@ def test_the_trials_that_decide_whether_there_is_a_name_are_tried(sagging):
     # for want of so much there is no name; where something else refused it, no trial did
     assert decided(of(CREDIT - 4.0, against=True), quoted) == [ids[7]]
     assert decided(of(CREDIT + 4.0, against=True), quoted) == []
-
-
-@pytest.mark.parametrize(("moved", "tried"), [(0.11, True), (0.09, False)])
-def test_trials_that_decide_between_two_optima_of_one_effect_are_tried(
-    sagging, monkeypatch, moved, tried
-):
-    answer, quoted = sagging
-    fitted = answer.accepted[0].fitted
-    # all of the margin is one trial's
-    other = spoken_for(fitted, {7: 4.0}, moved)
-    monkeypatch.setattr(stability, "optima", lambda *_: [fitted, other])
-    assert decided(answer, quoted) == ([answer.problem.data.trial[7]] if tried else [])
-
-
-@pytest.mark.parametrize("within", [True, False])
-@pytest.mark.parametrize(("moved", "tried"), [(0.11, True), (0.09, False)])
-def test_trials_that_keep_a_rival_in_the_set_or_outside_are_tried(sagging, within, moved, tried):
-    answer, quoted = sagging
-    (first,) = answer.accepted
-    # next to one other an explanation belongs to the set from 1/19 of its weight on
-    behind = weigh.TEMPERATURE * np.log(19) + (-4.0 if within else 4.0)
-    evidence = replace(
-        first.evidence,
-        exact=first.evidence.exact - behind,
-        discrepant=first.evidence.discrepant - behind,
-        unnamed=-1e3,
-    )
-    # the trial speaks for what the set is with it
-    mine = spoken_for(first.fitted, {7: 3.0} if within else {})
-    fitted = spoken_for(first.fitted, {} if within else {7: 3.0}, moved)
-    (effect,) = fitted.candidate.effects
-    candidate = replace(fitted.candidate, effects=(replace(effect, name="another"),))
-    first = replace(first, fitted=mine)
-    rival = replace(first, fitted=replace(fitted, candidate=candidate), evidence=evidence)
-    both = first, rival
-    among = replace(answer, singles=both, allowed=both, accepted=both if within else (first,))
-    assert decided(among, quoted) == ([answer.problem.data.trial[7]] if tried else [])
 
 
 def test_no_single_trial_decides_at_which_throttle_coefficients_hold():
@@ -396,35 +313,6 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
     visit = Shift(id="7", shift=1.1 * headline.u, z_hat=1.25)
     moved = replace(headline, influence=replace(headline.influence, visit=visit))
     assert tried(data.n, replace(quoted, coefficients={"K_b": moved})) == ["7"]
-
-
-def test_a_shortlist_holds_what_may_come_first_without_a_trial(sagging):
-    answer, _ = sagging
-    (first,) = answer.accepted
-    near = PLAIN_2LNB / 2 + search.SLACK
-    left_out = answer.problem.data.trial == answer.problem.data.trial[7]
-
-    def listed(behind, gains=None, named=True):
-        """Whether one that trails the name, or nothing at all, by so much is on it."""
-        best = first.evidence.log if named else answer.problem.unnamed + CREDIT
-        log = best - behind
-        evidence = replace(first.evidence, exact=log, discrepant=log)
-        fitted = spoken_for(first.fitted if named else answer.problem.base_fit, gains or {})
-        (effect,) = first.fitted.candidate.effects
-        candidate = replace(first.fitted.candidate, effects=(replace(effect, name="another"),))
-        rival = replace(first, fitted=replace(fitted, candidate=candidate), evidence=evidence)
-        among = replace(answer, singles=(first, rival))
-        shortlist = among.shortlist((first,) if named else (), left_out)
-        return ("another",) in shortlist
-
-    assert listed(near - 0.1)
-    assert not listed(near + 0.1)
-    # what the trial costs it is given back
-    assert listed(near + 3.9, {7: 4.0})
-    assert not listed(near + 4.1, {7: 4.0})
-    assert not listed(near + 0.1, {9: 4.0})
-    assert listed(search.SLACK + 3.9, {7: 4.0}, named=False)
-    assert not listed(search.SLACK + 4.1, {7: 4.0}, named=False)
 
 
 def test_a_shortlist_changes_no_answer_without_a_trial(monkeypatch):

@@ -15,7 +15,7 @@ from tests.unit import quoted
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.report import curves, relative_lift, words
+from nearlift.report import curves, words
 from nearlift.report.evidence import pick
 from nearlift.report.figures import fig2
 from nearlift.report.phrases import coefficient_text
@@ -73,7 +73,7 @@ def test_every_row_can_be_drawn_within_the_stations(evidence, table, boundary):
     data, level = pick(mine, kind="data"), pick(mine, kind="L_inf")
     assert mine["z_hat"].min() >= data["z_hat"].min() * (1 - 1e-9)
     assert mine["z_hat"].max() <= data["z_hat"].max() * (1 + 1e-9)
-    known = relative_lift.relative_lift(evidence, boundary).u_L_inf
+    known = curves.relative_lift(evidence, boundary).u_L_inf
     assert level["u_delta_L_percent"].tolist() == pytest.approx(2 * [100 * known])
     assert np.isnan(level["delta_L_percent"]).all()
     assert np.isfinite(mine["delta_L_percent"][mine["kind"] != "L_inf"]).all()
@@ -94,7 +94,7 @@ def test_points_at_scattered_heights_lie_about_the_line_by_their_bars(evidence):
     throttle = throttles[np.arange(n) % 4]
     error, other = noise * rng.standard_normal(n), 0.03 * rng.standard_normal(n)
     level = np.array([entry["posterior"]["L_inf_N"][f"{t:g}"]["median"] for t in throttle])
-    lift = level * (1 + relative_lift.line(made, "ground", z).middle) * np.exp(error + other)
+    lift = level * (1 + curves.line(made, "ground", z).middle) * np.exp(error + other)
     scattered = dataclasses.replace(
         made.observations["ground"],
         trial=np.array([f"s{i}" for i in range(n)], dtype=object),
@@ -120,8 +120,8 @@ def test_points_at_scattered_heights_lie_about_the_line_by_their_bars(evidence):
         "coefficients": {"after": {"K_b": best}},
     }
     made = diagnosed(made, "ground", block, {"before": error + other, "after": error})
-    over = relative_lift.relative_lift(made, "ground")
-    away = (over.delta_L - relative_lift.line(made, "ground", over.z_hat).middle) / over.u
+    over = curves.relative_lift(made, "ground")
+    away = (over.delta_L - curves.line(made, "ground", over.z_hat).middle) / over.u
     assert abs(float(away @ away) - n) < 4 * np.sqrt(2 * n)
     # sixty trials a throttle, and the coefficient's slope with the level
     assert noise / np.sqrt(60) < over.u_L_inf < 3 * noise / np.sqrt(60)
@@ -189,7 +189,7 @@ def test_a_stated_datum_moves_every_part_of_the_line(evidence):
     moved = z_hat - 2e-4 / data.radius_m
     theory = 0.5 + 0.5 * np.sqrt(1 + 0.15 / moved**2)
     expected = (theory - 1) * (1 + 0.12 / moved**2) ** -0.4
-    line = relative_lift.line(diagnosed(made, "ceiling", block, none), "ceiling", z_hat)
+    line = curves.line(diagnosed(made, "ceiling", block, none), "ceiling", z_hat)
     assert line.middle == pytest.approx(expected)
 
 
@@ -303,7 +303,7 @@ def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
     assert b"\nground,overlay,'=Other group," in csv(table)
     for text, match in (
         ("z_hat,delta_L\n1,2\n", "lacks u"),
-        ("z_hat,delta_L,u\n1,0.1,0.01\n-1,0.1,0.01\n", r"line 3: z_hat = '-1' is not a distance"),
+        ("z_hat,delta_L,u\n1,0.1,0.01\n-1,0.1,0.01\n", r"line 3: z_hat = '-1' cannot be drawn"),
     ):
         file.write_text(text)
         with pytest.raises(InputRefused, match=match):
@@ -336,5 +336,5 @@ def test_an_overlay_is_a_file_or_a_campaign_of_the_workspace(make_job):
 def test_the_distance_of_a_change_of_two_percent_is_printed(evidence, boundary):
     text = words.Brief(evidence, boundary).reach
     z_hat = float(re.search(r"ẑ = ([\d.]+) ", text)[1])
-    change = relative_lift.line(evidence, boundary, np.array([z_hat])).middle[0]
+    change = curves.line(evidence, boundary, np.array([z_hat])).middle[0]
     assert abs(change) == pytest.approx(0.02, rel=0.02)

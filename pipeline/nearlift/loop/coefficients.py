@@ -15,10 +15,9 @@ from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import confirmation, discrepancy, few_visits, weigh
 from nearlift.loop.candidate import WIDE
 from nearlift.loop.candidate_fit import Fitted, inverse
+from nearlift.loop.power import size_parameters
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.size_parameter import size_parameters
-from nearlift.loop.visibility import visibility
 from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
 from nearlift.results.outlook import SilentEffect
 
@@ -253,7 +252,7 @@ def silent(
         white = space.project(columns[0].T).T[:, 0]
         if np.linalg.norm(white) == 0:
             continue
-        share = visibility(problem, effect)
+        share = problem.visibility(effect)
         left = white - basis @ (basis.T @ white)
         shift = covariance @ jacobian.T @ white / u
         most = int(np.argmax(np.abs(shift)))

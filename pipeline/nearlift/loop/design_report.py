@@ -1,7 +1,4 @@
-"""Report of a design: effects detected or confounded.
-
-For few trials, once diagnosed, it gives the detection limits.
-"""
+"""Report of a design: effects detected or confounded, and detection limits of few trials."""
 
 from __future__ import annotations
 
@@ -14,15 +11,14 @@ from nearlift.declare import Effect
 from nearlift.loop import coefficients
 from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.families import STEP, families
-from nearlift.loop.power import DesignPower
-from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.size_parameter import (
+from nearlift.loop.power import (
     LIMIT_POWER,
+    DesignPower,
     NamingProbability,
     SizeParameter,
     size_parameters,
 )
-from nearlift.loop.visibility import SILENT, visibility
+from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.results import Noise
 from nearlift.results.design import BoundaryOutlook, ExpectedCoefficient
 from nearlift.results.outlook import (
@@ -34,8 +30,9 @@ from nearlift.results.outlook import (
 )
 from nearlift.rounding import plain
 
-#: Probability from which a rival counts as confounded with an effect, or the effect as named.
-CONFUSED = 0.5
+#: Probability from which a rival counts as confounded with an effect, or the effect as named; and
+#: the least probability of a rival that is listed.
+CONFUSED, LISTED = 0.5, 0.05
 
 
 def outlook(
@@ -44,28 +41,21 @@ def outlook(
     untestable: tuple[UntestableEffect, ...],
     expected: Noise,
 ) -> BoundaryOutlook:
-    """Power, confounding and bias of a design.
+    """Power, confounding and bias of a design for the testable effects of the `library`.
 
-    Parameters
-    ----------
-    design : DesignPower
-        Power of the design, at the noise floor that the loop would find.
-    library : tuple of Effect
-        The testable effects.
-    untestable : tuple of UntestableEffect
-    expected : Noise
-        Noise that the plan assumes.
+    The design is at the noise floor that the loop would find, `expected` is the noise that the plan
+    assumes.
     """
     problem = design.problem
+    value, u = coefficients.spread(problem, problem.base_fit)
+    undetected = coefficients.constrained_columns(problem, ())
+    _, u_wide = coefficients.spread(problem, problem.base_fit, undetected)
     rows = tuple(
-        weigh(design, size_parameter)
+        effect_outlook(design, of, u)
         for effect in library
         if not effect.within_trial
-        for size_parameter in size_parameters(effect)
+        for of in size_parameters(effect)
     )
-    value, u = coefficients.spread(problem, problem.base_fit)
-    unseen = coefficients.constrained_columns(problem, ())
-    _, u_wide = coefficients.spread(problem, problem.base_fit, unseen)
     return BoundaryOutlook(
         base_model=problem.base.name,
         trials=problem.data.n,
@@ -85,67 +75,56 @@ def outlook(
     )
 
 
-def weigh(design: DesignPower, size_parameter: SizeParameter) -> EffectOutlook:
-    """Detection limit of one size_parameter, its contest at the plausible size, and the bias of the
-    coefficients at the largest plausible size that goes undetected.
+def effect_outlook(design: DesignPower, of: SizeParameter, u: Iterable[float]) -> EffectOutlook:
+    """Detection limit of one size, naming at its plausible size, and the bias of the coefficients
+    at the largest plausible size that goes undetected, also in `u` (p,).
     """
-    problem = design.problem
-    share = visibility(problem, size_parameter.effect)
-    plausible = min(size_parameter.plausible, size_parameter.largest)
-    limit = design.limit(size_parameter)
-    contest = design.contest(size_parameter, plausible) if share > SILENT else NamingProbability()
-    hiding = plausible if limit is None else min(limit, plausible)
-    shift = design.harm(size_parameter, hiding)
-    _, u = coefficients.spread(problem, problem.base_fit)
+    problem, limit = design.problem, design.limit(of)
+    share = problem.visibility(of.effect)
+    contest = design.contest(of, of.expected) if share > SILENT else NamingProbability()
+    hiding = of.expected if limit is None else min(limit, of.expected)
     if share <= SILENT:
         verdict = "silent"
     elif contest.seen < LIMIT_POWER:
         verdict = "too small to see"
     elif contest.alone >= CONFUSED:
         verdict = "named"
+    elif any(c >= CONFUSED for c in contest.rivals.values()):
+        verdict = "detectable, confounded"
     else:
-        verdict = (
-            "detectable, confounded"
-            if any(c >= CONFUSED for c in contest.rivals.values())
-            else "seen, seldom named"
-        )
+        verdict = "seen, seldom named"
+    rivals = sorted(contest.rivals.items(), key=lambda item: -item[1])
     return EffectOutlook(
-        effect=size_parameter.effect.name,
-        parameter=size_parameter.parameter.name,
-        unit=size_parameter.parameter.unit,
-        shape=size_parameter.shape,
+        effect=of.effect.name,
+        parameter=of.parameter.name,
+        unit=of.parameter.unit,
+        shape=of.shape,
         share_visible=share,
-        plausible_size=plausible,
+        plausible_size=of.expected,
         detection_limit=limit,
         verdict=verdict,
         seen=contest.seen,
         within=contest.within,
         first=contest.first,
         alone=contest.alone,
-        rivals={n: c for n, c in sorted(contest.rivals.items(), key=lambda i: -i[1]) if c >= 0.05},
+        rivals={name: chance for name, chance in rivals if chance >= LISTED},
         hides_up_to=hiding,
         bias={
             p.name: UnseenBias(shift=float(d), in_u=float(d / s) if s > 0 else 0.0)
-            for p, d, s in zip(problem.base.parameters, shift, u, strict=True)
+            for p, d, s in zip(problem.base.parameters, design.harm(of, hiding), u, strict=True)
         },
     )
-
-
-def confounded(row: EffectOutlook) -> dict[str, float]:
-    """The rivals that an effect of its plausible size is confounded with, and their chances."""
-    if row.verdict == "too small to see":
-        return {}
-    return {rival: chance for rival, chance in row.rivals.items() if chance >= CONFUSED}
 
 
 def groups(rows: Iterable[EffectOutlook]) -> tuple[tuple[str, ...], ...]:
     """Connected components of the effects that are confounded at their plausible sizes."""
     group: dict[str, set[str]] = {}
     for row in rows:
-        for rival in confounded(row):
+        for rival, chance in row.rivals.items():
+            if row.verdict == "too small to see" or chance < CONFUSED:
+                continue
             merged = group.get(row.effect, {row.effect}) | group.get(rival, {rival})
-            for name in merged:
-                group[name] = merged
+            group |= dict.fromkeys(merged, merged)
     return tuple(sorted({tuple(sorted(g)) for g in group.values()}))
 
 
@@ -156,31 +135,27 @@ def sensitivity(problem: SearchProblem, seen: Collection[str] = ()) -> Sensitivi
     """
     design, data = DesignPower(problem=problem), problem.data
     declared = (data.u_lift_N / data.lift_N) ** 2 / problem.space.covariance.variance
-    listed = [
-        _limit(design, size_parameter)
-        for effect in design.candidates
+    limits = [
+        _limit(of, design.limit(of))
+        for effect in problem.visible
         if effect.name not in seen
-        for size_parameter in size_parameters(effect)
+        for of in size_parameters(effect)
     ]
     return Sensitivity(
         trials=data.n,
         families=tuple(dict.fromkeys(f.name for f in families(data) if f.name != STEP)),
-        effects=tuple(e.name for e in design.candidates),
+        effects=tuple(e.name for e in problem.visible),
         chance=LIMIT_POWER,
         declared_share=float(np.median(declared)),
         limits=tuple(
-            sorted(listed, key=lambda row: (row.size is None, (row.size or 0.0) / row.plausible))
+            sorted(limits, key=lambda row: (row.size is None, (row.size or 0.0) / row.plausible))
         ),
     )
 
 
-def _limit(design: DesignPower, size_parameter: SizeParameter) -> DetectionLimit:
-    """Detection limit of one effect's parameter, at a power of `LIMIT_POWER`."""
-    size, parameter, text = (
-        design.limit(size_parameter),
-        size_parameter.parameter,
-        size_parameter.effect.name,
-    )
+def _limit(of: SizeParameter, size: float | None) -> DetectionLimit:
+    """Detection limit of one effect's parameter, in words too."""
+    parameter, text = of.parameter, of.effect.name
     if size is not None:
         unit = "" if parameter.unit == "1" else f" {parameter.unit.replace('1/', 'per ')}"
         # "offset" of offset_m, with its unit behind the number
@@ -188,10 +163,10 @@ def _limit(design: DesignPower, size_parameter: SizeParameter) -> DetectionLimit
         away = "" if parameter.value == 0 else f" away from {plain(parameter.value, 3)}"
         text += f" ({label.replace('_', ' ')} ≥ {plain(size, 2)}{unit}{away})"
     return DetectionLimit(
-        effect=size_parameter.effect.name,
+        effect=of.effect.name,
         parameter=parameter.name,
         unit=parameter.unit,
         size=size,
-        plausible=size_parameter.plausible,
+        plausible=of.plausible,
         text=text,
     )

@@ -50,8 +50,7 @@ from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import MANY, prepare
 from nearlift.loop.result import posterior_density, result
 from nearlift.loop.search import Answer, Shortlist, run, search_to_convergence
-from nearlift.loop.search_problem import Options, SearchProblem
-from nearlift.loop.visibility import SILENT
+from nearlift.loop.search_problem import SILENT, Options, SearchProblem
 from nearlift.loop.within_trial import heating
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis

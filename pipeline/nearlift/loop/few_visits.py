@@ -26,7 +26,6 @@ from nearlift.loop.evidence import ExplanationEvidence
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.visibility import visible
 from nearlift.results import IntArray, Observations
 
 #: Fewest visits: `gain_is_significant` needs three, and each fold lacks one.
@@ -152,7 +151,7 @@ def run(problem: SearchProblem) -> Answer:
     working = dataclasses.replace(problem, independent=True)
     if not first.present:
         return Answer(problem=working, first=first, singles=(), pairs=())
-    seen = visible(working)
+    seen = working.visible
     alone = left_out(working, ())
     # without its visit a trial may have no L_inf, whatever the effect
     predictable = np.isfinite(alone)

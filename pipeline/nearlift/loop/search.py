@@ -21,9 +21,8 @@ from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.random_walk_gain import rms
-from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.loop.structure import Structure
-from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results.diagnosis import ExplanationProbability
 from nearlift.results.quotation import Verdict
 
@@ -185,7 +184,7 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     tried = [
         (e, problem.explain((e,)))
         for e in library
-        if (not shortlist or (e.name,) in shortlist) and visibility(problem, e) > SILENT
+        if (not shortlist or (e.name,) in shortlist) and problem.visibility(e) > SILENT
     ]
     # one that has no value at some trial, however small, explains nothing
     tried = [(e, s) for e, s in tried if np.isfinite(s.gain)]

@@ -44,6 +44,8 @@ GREATER_PART = 0.6
 BY_CHANCE = 1.0
 #: A direction counts as outside the hypotheses' basis where it keeps this part of its length there.
 OUTSIDE = 1e-6
+#: Visibility up to which an effect cannot be detected, a share of squared norm.
+SILENT = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,6 +165,27 @@ class SearchProblem:
     def library(self) -> tuple[tuple[Effect, FloatArray], ...]:
         """Each effect with its first-order columns (n, k) of log lift, one entry per shape."""
         return tuple(library_columns(self.base, self.effects, self.data, self.theta))
+
+    def visibility(self, effect: Effect) -> float:
+        """Share of the squared norm of an effect's whitened columns outside the span of theta and
+        L_inf, the largest over its shapes; 0 without columns.
+        """
+        shapes = [columns for e, columns in self.library if e.name == effect.name]
+        if not shapes:
+            return 0.0
+        together = np.hstack(shapes).T
+        whole, white = self.space.covariance.whiten(together), self.space.project(together)
+        basis = orthonormal(self.base_jacobian)
+        left = white - (white @ basis) @ basis.T
+        first = np.cumsum([0, *(columns.shape[1] for columns in shapes[:-1])])
+        part, of = (np.add.reduceat(np.sum(x**2, axis=1), first) for x in (left, whole))
+        return float(np.max(part / np.maximum(of, 1e-300)))
+
+    @cached_property
+    def visible(self) -> tuple[Effect, ...]:
+        """The effects of the library that theta and L_inf do not absorb."""
+        known = {e.name: e for e, _ in self.library}.values()
+        return tuple(e for e in known if self.visibility(e) > SILENT)
 
     @cached_property
     def hypotheses(self) -> tuple[tuple[Hypothesis, ...], FloatArray]:

@@ -14,9 +14,8 @@ from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood.noise import floor
 from nearlift.loop import coefficients
 from nearlift.loop.few_visits import applies
-from nearlift.loop.power import DRAWS, DesignPower
-from nearlift.loop.size_parameter import LIMIT_POWER, SizeParameter, size_parameters
-from nearlift.loop.visibility import SILENT, visibility
+from nearlift.loop.power import DRAWS, LIMIT_POWER, DesignPower, SizeParameter, size_parameters
+from nearlift.loop.search_problem import SILENT
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.observed import Trials, boundaries
 from nearlift.planning.forecast import Forecast, of_trials
@@ -107,7 +106,7 @@ def _at(
     curves = [_size(forecast.design, size_parameter) for size_parameter in size_parameters(effect)]
     return EffectBetweenTrials(
         **common,
-        share_visible=visibility(problem, effect),
+        share_visible=problem.visibility(effect),
         sizes=tuple(c.size for c in curves),
     ), curves
 
@@ -115,7 +114,7 @@ def _at(
 def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectCurves:
     """Power, detection limit, confusions and harm of one of the effect's sizes."""
     stage = design.problem
-    silent = visibility(stage, size_parameter.effect) <= SILENT
+    silent = stage.visibility(size_parameter.effect) <= SILENT
     power = None if silent else design.power(size_parameter)
     limit = power.limit(LIMIT_POWER) if power else None
     shown = min(size_parameter.plausible, size_parameter.largest) if limit is None else limit

@@ -15,11 +15,9 @@ from nearlift.loop.candidate_fit import Point, search
 from nearlift.loop.coefficients import spread
 from nearlift.loop.next_visits import Plan
 from nearlift.loop.next_visits import Question as Aim
-from nearlift.loop.power import DesignPower
-from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.power import DesignPower, size_parameters
+from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.loop.separation import APART
-from nearlift.loop.size_parameter import size_parameters
-from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
 from nearlift.observed import Trials, boundaries, choice
 from nearlift.planning.forecast import Forecast, of_trials
@@ -275,7 +273,7 @@ def _points(
     if mine.gain > MIN_GAIN or len(one) > 1:
         return mine.fitted.point, fitted(other, problem.log_lift)
     effect = known[one[0]]
-    if visibility(problem, effect) <= SILENT:
+    if problem.visibility(effect) <= SILENT:
         raise InputRefused(
             f"next visits at the {problem.data.boundary}",
             f"{effect.name} is absorbed by the coefficients and L_inf",

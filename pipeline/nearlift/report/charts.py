@@ -1,6 +1,7 @@
 """Charts that a reader can point at and switch, as Vega-Lite by altair.
 
-Colours are properties of the page's style sheet, so that a chart follows the reader's scheme.
+Colours are properties of the page's style sheet, so that a chart follows the reader's scheme; axes
+and legends are those of the page's script.
 """
 
 from __future__ import annotations
@@ -33,33 +34,10 @@ MOST_DOTS = 1000
 MOST_COLOURS = 6
 SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross")
 DASHES = ([1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4])
-TEXT, SOFT, PAPER, RULE = "var(--text)", "var(--soft)", "var(--paper)", "var(--rule)"
+TEXT, SOFT, PAPER = "var(--text)", "var(--soft)", "var(--paper)"
 WORDS = {"throttle_percent": "throttle (%)", "run_order": "run order", "z_hat": "distance ẑ"}
-#: Columns of a cell that its tooltip and description show.
-CELL = {"label": "throttle", "at": "ẑ", "delta": "ΔL", "force": "lift", "trials": "trials"}
-AXIS = {
-    "labelColor": TEXT,
-    "titleColor": TEXT,
-    "domainColor": RULE,
-    "tickColor": RULE,
-    "gridColor": RULE,
-    "gridOpacity": 0.35,
-    "labelFontSize": 12,
-    "titleFontSize": 13,
-    "titleFontWeight": "normal",
-    "tickCount": 6,
-}
-LEGEND = {
-    "labelColor": TEXT,
-    "titleColor": TEXT,
-    "labelFontSize": 12,
-    "labelLimit": 260,
-    "orient": "bottom",
-    "symbolSize": 70,
-    "padding": 2,
-    "title": None,
-    "layout": {"bottom": {"direction": "vertical", "anchor": "start"}},
-}
+#: Columns of a cell that its tooltip shows.
+CELL = ("throttle", "ẑ", "ΔL", "lift", "trials")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,13 +71,11 @@ def _data(alt: Any, table: pd.DataFrame) -> Any:
 
 
 def _finished(chart: Any, description: str, height: int) -> Spec:
-    """The specification, as wide as its place, in the page's colours."""
-    spec: Spec = chart.properties(
-        width="container", height=height, description=description, padding=4
-    ).to_dict(validate=False)
-    del spec["$schema"]  # an address, which the page has no use for
-    look = {"font": "system-ui, sans-serif", "background": "transparent", "view": {"stroke": RULE}}
-    spec["config"] = {**look, "axis": AXIS, "legend": LEGEND}
+    """The specification, as wide as its place."""
+    sized = chart.properties(width="container", height=height, description=description, padding=4)
+    spec: Spec = sized.to_dict(validate=False)
+    # an address, which the page has no use for; and colours of altair's own
+    del spec["$schema"], spec["config"]
     return {**spec, "autosize": {"type": "fit-x", "contains": "padding"}}
 
 
@@ -131,36 +107,35 @@ def fig2(evidence: Evidence) -> Chart:
 def cells(evidence: Evidence, table: pd.DataFrame, boundary: Boundary) -> pd.DataFrame:
     """Points of Figure 2 at one boundary, with their lift and trials in words."""
     lift = evidence.frame(LIFT, boundary=boundary).rename(columns={"throttle": "throttle_fraction"})
-    known = lift[["throttle_fraction", "z_hat", "lift_N", "u_lift_N", "n_trials"]]
+    at = ["throttle_fraction", "z_hat"]
     points = pick(table, panel=boundary, kind="data").merge(
-        known, on=["throttle_fraction", "z_hat"], how="left"
+        lift[[*at, "lift_N", "u_lift_N", "n_trials"]], on=at, how="left"
     )
-    levels = np.unique(points["throttle_fraction"]).tolist()
     radius_mm = 1e3 * evidence.observations[boundary].radius_m
     scale, unit = force_unit(evidence)
-    rows = []
-    for p in records(points):
-        z, delta, u = p.z_hat, p.delta_L_percent, p.u_delta_L_percent
-        row = {
-            "throttle": p.throttle_fraction,
-            "label": p.label,
-            "z_hat": z,
-            "delta_L_percent": delta,
-            "u": u if math.isfinite(u) else 0.0,
-            "area": max(90 - 15 * levels.index(p.throttle_fraction), 34),
-            "at": f"{plain(z)} ({plain(radius_mm * z, 3)} mm)",
-            "delta": f"{plus_minus(delta, u)} %",
-            "force": f"{plus_minus(scale * p.lift_N, scale * p.u_lift_N)} {unit}",
+    shown = pd.DataFrame(
+        {
+            "throttle": p.label,
+            "ẑ": f"{plain(p.z_hat)} ({plain(radius_mm * p.z_hat, 3)} mm)",
+            "ΔL": f"{plus_minus(p.delta_L_percent, p.u_delta_L_percent)} %",
+            "lift": f"{plus_minus(scale * p.lift_N, scale * p.u_lift_N)} {unit}",
             "trials": f"{plain(p.n_trials)} averaged",
         }
-        shown = "; ".join(f"{title} {row[name]}" for name, title in CELL.items())
-        rows.append({**row, "words": f"{boundary}, {shown}"})
-    return pd.DataFrame(rows)
+        for p in records(points)
+    )
+    words = ["; ".join(f"{n} {v}" for n, v in row.items()) for row in shown.to_dict("records")]
+    rank = points["throttle_fraction"].rank(method="dense").astype(int)
+    return points[["label", "throttle_fraction", "z_hat", "delta_L_percent"]].assign(
+        u=points["u_delta_L_percent"].where(np.isfinite(points["u_delta_L_percent"]), 0.0),
+        area=np.maximum(105 - 15 * rank, 34),
+        words=[f"{boundary}, {text}" for text in words],
+        **shown,
+    )
 
 
 def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec:
     alt = _altair()
-    throttles = points.sort_values("throttle")["label"].unique().tolist()
+    throttles = points.sort_values("throttle_fraction")["label"].unique().tolist()
     few = len(throttles) <= MOST_COLOURS
     shown = alt.selection_point(name="throttles", fields=["label"], bind="legend")
     x = alt.X("z_hat:Q", title="ẑ = distance / rotor radius").scale(type="log", nice=False)
@@ -215,7 +190,7 @@ def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec
             ),
             size=alt.Size("area:Q", scale=None, legend=None),
             description="words:N",
-            tooltip=[alt.Tooltip(f"{n}:N", title=t) for n, t in CELL.items()],
+            tooltip=[f"{name}:N" for name in CELL],
         )
         .add_params(shown),
     ]

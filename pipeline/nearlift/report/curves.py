@@ -1,63 +1,34 @@
-"""A model's curve over distance, and the 90 % band that the covariance of its fit implies."""
+"""Lift over L_inf near a boundary: the curve that is quoted with its 90 % band, and its cells.
+
+An effect that depends on distance alone, such as a height offset or a stagnation zone, belongs to
+the vehicle and its place: it is drawn in the curve, and the cells are as measured. An effect along
+anything else, such as supply voltage or time, belongs to the rig: a curve over distance cannot show
+it, so each trial is corrected for it. Both follow from the residual of the whole model: a trial
+deviates from the curve by what that model leaves.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from nearlift import derivative
-from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift import catalogue, derivative
+from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import lift_ratio
 from nearlift.report.evidence import Evidence, lift_inf_N, where
 from nearlift.results import Observations
 from nearlift.results.fit import ModelFit, ParameterCovariance
+from nearlift.results.quotation import BoundaryResult
+from nearlift.stages.diagnose import LOOP_RESIDUALS
 from nearlift.stages.fit import POSTERIOR
 
 #: Two curves that part by less than this much of what the data span are one line in a figure.
 VISIBLE = 0.01
-
-
-def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, object]) -> FloatArray:
-    """L / L_inf at `z_hat`; nan outside the model's range and where it has no value."""
-    low, high = model.valid_z_hat
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value = np.broadcast_to(np.asarray(model(z_hat, **arguments), dtype=float), z_hat.shape)
-    defined = (z_hat > low) & (z_hat <= high) & np.isfinite(value) & (value > 0)
-    return np.where(defined, value, np.nan)
-
-
-def uncertainty(
-    model: LiftModel,
-    z_hat: FloatArray,
-    arguments: Mapping[str, object],
-    values: Mapping[str, float],
-    among: ParameterCovariance,
-) -> FloatArray:
-    """Standard uncertainty of L / L_inf at `z_hat` from the covariance of the fitted parameters, to
-    first order; nan where that has no end.
-    """
-    names = among.names
-    covariance = np.array(among.values, dtype=float).reshape(len(names), len(names))
-    covariance[~np.isfinite(covariance)] = np.nan
-    centre = {**arguments, **{n: values[n] for n in names}}
-    low, high = np.array([model.parameter(name).bounds for name in names]).reshape(-1, 2).T
-    at = np.array([values[name] for name in names])
-    size = np.maximum(np.abs(at), 1e-3 * np.minimum(high - low, 1.0))
-
-    def ratios(points: FloatArray) -> FloatArray:
-        each = (dict(zip(names, points[i], strict=True)) for i in np.ndindex(*points.shape[:-1]))
-        values = [ratio(model, z_hat, {**centre, **x}) for x in each]
-        return np.array(values).reshape(*points.shape[:-1], len(z_hat))
-
-    change, apart = derivative.central(ratios, at, size, low, high)
-    jacobian = change / apart[:, None]
-    variance = np.einsum("iz,ij,jz->z", jacobian, covariance, jacobian)
-    result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
-    return result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +54,135 @@ class Curve:
         return bool(apart > VISIBLE * span)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QuotedModel:
+    """The quoted model as a curve over distance.
+
+    Attributes
+    ----------
+    model : LiftModel
+        The base model with the effects of the vehicle.
+    values : mapping
+        Everything that it takes besides distance.
+    in_curve, in_points : tuple of str
+        Effects that the curve has, and those that the points are corrected for.
+    covariance : ParameterCovariance or None
+        Of the model's parameters by the most probable explanation, where it has effects.
+    is_base : bool
+        Whether the curve is the base fit's own.
+    """
+
+    model: LiftModel
+    values: Mapping[str, Any]
+    in_curve: tuple[str, ...]
+    in_points: tuple[str, ...]
+    covariance: ParameterCovariance | None
+    is_base: bool
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """All effects of the quoted model that are dealt with."""
+        return self.in_curve + self.in_points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelativeLift:
+    """Cells of one boundary, arrays of shape (n,), in the order of throttle and distance.
+
+    Attributes
+    ----------
+    throttle, z_hat, delta_L : array
+    u : array
+        Standard uncertainty of `delta_L` from the scatter of trials, visits and heights, without
+        that of L_inf, which a throttle's cells share.
+    u_L_inf : float
+        The largest standard uncertainty of a throttle's L_inf, as a fraction of it, from the same
+        scatter.
+    """
+
+    throttle: FloatArray
+    z_hat: FloatArray
+    delta_L: FloatArray
+    u: FloatArray
+    u_L_inf: float
+
+
+# one model
+
+
+def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, object]) -> FloatArray:
+    """L / L_inf at `z_hat`; nan outside the model's range and where it has no value."""
+    low, high = model.valid_z_hat
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        value = np.broadcast_to(np.asarray(model(z_hat, **arguments), dtype=float), z_hat.shape)
+    defined = (z_hat > low) & (z_hat <= high) & np.isfinite(value) & (value > 0)
+    return np.where(defined, value, np.nan)
+
+
+def slopes(
+    model: LiftModel, z_hat: FloatArray, values: Mapping[str, Any], names: Sequence[str]
+) -> FloatArray:
+    """Change of L / L_inf per unit of each of these parameters (k, n)."""
+    at = np.array([values[name] for name in names], dtype=float)
+    low, high = np.array([model.parameter(name).bounds for name in names]).reshape(-1, 2).T
+    size = np.maximum(np.abs(at), 1e-3 * np.minimum(high - low, 1.0))
+
+    def ratios(points: FloatArray) -> FloatArray:
+        each = (dict(zip(names, points[i], strict=True)) for i in np.ndindex(*points.shape[:-1]))
+        moved = [ratio(model, z_hat, {**values, **x}) for x in each]
+        return np.array(moved).reshape(*points.shape[:-1], len(z_hat))
+
+    change, apart = derivative.central(ratios, at, size, low, high)
+    return change / apart[:, None]
+
+
+def uncertainty(
+    model: LiftModel, z_hat: FloatArray, values: Mapping[str, Any], among: ParameterCovariance
+) -> FloatArray:
+    """Standard uncertainty of L / L_inf at `z_hat` from the covariance of the fitted parameters, to
+    first order; nan where that has no end.
+    """
+    k = len(among.names)
+    covariance = np.array(among.values, dtype=float).reshape(k, k)
+    covariance[~np.isfinite(covariance)] = np.nan
+    jacobian = slopes(model, z_hat, values, among.names)
+    variance = np.einsum("iz,ij,jz->z", jacobian, covariance, jacobian)
+    result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
+    return result
+
+
+# the base fit
+
+
+def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
+    """The base fit at recorded distances, with its height error.
+
+    It is the pointwise median and 90 % of the posterior, or least squares with the band of its
+    covariance. Do not write to its arrays: figures, charts and words ask for the same curve, which
+    is made once.
+    """
+    asked = boundary, z_hat.tobytes()
+    if asked not in evidence.curves:
+        evidence.curves[asked] = _base_curve(evidence, boundary, z_hat)
+    return evidence.curves[asked]
+
+
+def _base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
+    model, fit = evidence.base(boundary)
+    known = evidence.known(boundary, model)
+    z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
+    values = {**known, **fit.values}
+    plain = ratio(model, z_hat, values) - 1
+    drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
+    if drawn is None:
+        reach = _quantile90(fit) * uncertainty(model, z_hat, values, fit.covariance)
+        drawn = plain - reach, plain, plain + reach
+    low, middle, high = drawn
+    if endless(fit):
+        low = high = np.full_like(middle, np.nan)
+    return Curve(middle=middle, low=low, high=high, least_squares=plain)
+
+
 def posterior_quantiles(
     evidence: Evidence,
     boundary: Boundary,
@@ -104,37 +204,8 @@ def posterior_quantiles(
     medians = {n: float(np.median(x)) for n, x in each.items()}
     inside = np.isfinite(ratio(model, z_hat, {**known, **medians}))
     finite = np.where(np.isfinite(value) & inside, value, 0.0)
-    quantiles = np.quantile(finite, [0.05, 0.5, 0.95], axis=0)
-    low, middle, high = np.where(inside, quantiles, np.nan)
+    low, middle, high = np.where(inside, np.quantile(finite, [0.05, 0.5, 0.95], axis=0), np.nan)
     return low, middle, high
-
-
-def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
-    """The base fit at recorded distances, with its height error.
-
-    It is the pointwise median and 90 % of the posterior, or least squares with the band of its
-    covariance. Do not write to its arrays: figures, charts and words ask for the same curve, which
-    is made once.
-    """
-    asked = boundary, z_hat.tobytes()
-    if asked not in evidence.curves:
-        evidence.curves[asked] = _base_curve(evidence, boundary, z_hat)
-    return evidence.curves[asked]
-
-
-def _base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
-    model, fit = evidence.base(boundary)
-    known = evidence.known(boundary, model)
-    z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
-    plain = ratio(model, z_hat, {**known, **fit.values}) - 1
-    drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
-    if drawn is None:
-        reach = quantile90(fit) * uncertainty(model, z_hat, known, fit.values, fit.covariance)
-        drawn = plain - reach, plain, plain + reach
-    low, middle, high = drawn
-    if endless(fit):
-        low = high = np.full_like(middle, np.nan)
-    return Curve(middle=middle, low=low, high=high, least_squares=plain)
 
 
 def endless(fit: ModelFit) -> bool:
@@ -157,9 +228,153 @@ def log_residual(model: LiftModel, fit: ModelFit, data: Observations) -> FloatAr
     return result
 
 
-def quantile90(fit: ModelFit) -> float:
+def _quantile90(fit: ModelFit) -> float:
     """How many standard uncertainties the fit's own 90 % intervals reach to either side."""
     for e in fit.parameters.values():
         if 0 < e.u < math.inf and math.isfinite(e.hi90):
             return (e.hi90 - e.value) / e.u
     return student.NORMAL_90
+
+
+# what is quoted
+
+
+def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
+    """The model whose curve belongs to the cells."""
+    base, fit = evidence.base(boundary)
+    quoted, data = evidence.quoted(boundary), evidence.observations[boundary]
+    diagnosis = evidence.diagnosed(boundary)
+    accepted = diagnosis.accepted if diagnosis and evidence.has(LOOP_RESIDUALS) else None
+    effects = [catalogue.effect(n) for n in (accepted.effects if accepted else ())]
+    of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
+    parts: list[Effect] = [
+        e
+        for e in effects
+        if e.acts_on != "force"
+        and {*e.needs} <= of_distance
+        and all(p.per != "session" for p in e.parameters)
+    ]
+    in_curve = tuple(e.name for e in parts)
+    if accepted and "offset_m" in accepted.parameters and "height_offset" not in accepted.effects:
+        # the zero error of the distance: the curve is over recorded distance
+        parts.insert(0, catalogue.effect("height_offset"))
+    model = compose(base, *parts) if parts else base
+    # quoted values are means over rival explanations, and together may draw none of them
+    estimates = accepted.parameters if accepted else quoted.coefficients
+    known = evidence.campaign.geometry() | {"radius_m": data.radius_m}
+    known |= evidence.known(boundary, base) | {**fit.values}
+    known |= {n: e.value for n, e in estimates.items()}
+    free = [p.name for p in model.parameters]
+    return QuotedModel(
+        model=model,
+        values={n: v for n, v in known.items() if n in {*model.needs, *free}},
+        in_curve=in_curve,
+        in_points=tuple(e.name for e in effects if e.name not in in_curve),
+        covariance=accepted.covariance.among(free) if accepted else None,
+        is_base=quoted.verdict != "unexplained" and not effects,
+    )
+
+
+def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
+    """The curve that belongs to the cells: the quoted model's L / L_inf - 1 at recorded distances,
+    without the effects that the cells are corrected for.
+
+    Its 90 % band is that of the quoted coefficients. Where it has an effect, these allow for rivals
+    that draw other curves; the band is then the most probable explanation's.
+    """
+    drawn, quoted = quoted_model(evidence, boundary), evidence.quoted(boundary)
+    if drawn.is_base:
+        return base_curve(evidence, boundary, z_hat)
+    middle = least_squares = ratio(drawn.model, z_hat, drawn.values) - 1
+    free = [n for n in quoted.correlation.parameters if n in quoted.coefficients]
+    if not drawn.effects:
+        least_squares = base_curve(evidence, boundary, z_hat).least_squares
+    if len(free) == 1 and not drawn.effects:
+        # one coefficient moves the whole curve: the band is its interval, however uneven
+        c = quoted.coefficients[free[0]]
+        ends = [
+            ratio(drawn.model, z_hat, {**drawn.values, free[0]: x}) - 1 for x in (c.lo90, c.hi90)
+        ]
+        low, high = np.minimum(*ends), np.maximum(*ends)
+    else:
+        covariance = drawn.covariance or _quoted_covariance(quoted, free)
+        reach = np.full_like(middle, np.nan)
+        if covariance is not None:
+            spread = uncertainty(drawn.model, z_hat, drawn.values, covariance)
+            reach = student.NORMAL_90 * spread
+        low, high = middle - reach, middle + reach
+    return Curve(middle=middle, low=low, high=high, least_squares=least_squares)
+
+
+def _quoted_covariance(quoted: BoundaryResult, free: list[str]) -> ParameterCovariance | None:
+    """Covariance of these quoted coefficients; None where one has no end."""
+    rows = [quoted.correlation.parameters.index(n) for n in free]
+    u = np.array([quoted.coefficients[n].u for n in free])
+    if not free or not np.isfinite(u).all():
+        return None
+    correlation = np.array(quoted.correlation.values)[np.ix_(rows, rows)]
+    return ParameterCovariance.named(free, np.outer(u, u) * correlation)
+
+
+def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
+    """Every cell's lift over the L_inf of the model that is drawn."""
+    drawn, data = quoted_model(evidence, boundary), evidence.observations[boundary]
+    data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
+
+    def middle(z_hat: FloatArray) -> FloatArray:
+        if drawn.is_base:
+            return base_curve(evidence, boundary, z_hat).middle
+        return ratio(drawn.model, z_hat, drawn.values) - 1
+
+    diagnosed = evidence.diagnosed(boundary) if drawn.effects else None
+    if diagnosed:
+        table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
+        left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
+        # nan for trials that were not diagnosed
+        residual = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
+        log_ratio = np.log1p(middle(data.z_hat)) + residual
+    else:
+        level = lift_inf_N(evidence.base(boundary)[1], data, drawn=True)
+        log_ratio = np.log(data.lift_N / level)
+    noise = diagnosed.noise if diagnosed else evidence.fits.noise[boundary]
+    keep = np.isfinite(log_ratio)
+    data, log_ratio = data.take(keep), log_ratio[keep]
+    both = np.stack([data.levels[data.level], data.z_hat])
+    (throttle, z_hat), index = np.unique(both, axis=1, return_inverse=True)
+    index = index.ravel()
+    n = np.bincount(index).astype(float)
+    of_trial = (
+        (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2
+    )
+    along = derivative.at_zero(lambda t: np.log1p(middle(z_hat * (1 + t))))
+    slope = np.nan_to_num(along / z_hat)
+    visits = np.bincount(np.unique(np.stack([index, data.visit]), axis=1)[0], minlength=len(n))
+    shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
+    variance = np.bincount(index, of_trial) / n**2 + shared
+    cell_ratio = np.exp(np.bincount(index, log_ratio) / n)
+    return RelativeLift(
+        throttle=throttle,
+        z_hat=z_hat,
+        delta_L=cell_ratio - 1,
+        u=cell_ratio * np.sqrt(variance),
+        u_L_inf=_u_L_inf(drawn, throttle, z_hat, variance),
+    )
+
+
+def _u_L_inf(
+    drawn: QuotedModel, throttle: FloatArray, z_hat: FloatArray, variance: FloatArray
+) -> float:
+    """Largest standard uncertainty of a throttle's log L_inf, by least squares over the cells for
+    these and the coefficients.
+    """
+    levels, level = np.unique(throttle, return_inverse=True)
+    names = [p.name for p in drawn.model.parameters]
+    of_coefficients = slopes(drawn.model, z_hat, drawn.values, names)
+    of_coefficients /= ratio(drawn.model, z_hat, drawn.values)
+    columns = np.vstack([np.eye(len(levels))[level].T, np.nan_to_num(of_coefficients)])
+    weighted = (columns / np.sqrt(variance)).T
+    scale = np.sqrt((weighted**2).sum(axis=0))
+    scale[scale == 0] = 1.0
+    inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale))
+    u = np.sqrt(np.diagonal(inverse)) / scale
+    return float(u[: len(levels)].max(initial=0.0))

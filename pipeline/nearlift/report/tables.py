@@ -31,25 +31,16 @@ from nearlift.stages.fit import FIT, RESULTS
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 #: A source from repeats that would lower the uncertainty by a smaller part is in the CSV only.
 MIN_FALL = 0.0005
-SPECIAL = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    **{c: "\\" + c for c in "&%$#_{}"},
-    "Δ": r"$\Delta$",
-    "ν": r"$\nu$",
-    "∞": r"$\infty$",
-    "χ": r"$\chi$",
-    "ẑ": r"$\hat z$",
-    "−": "$-$",
-    "–": "--",
-    "±": r"$\pm$",
-    "α": r"$\alpha$",
-    "λ": r"$\lambda$",
-}
+SPECIAL = (
+    {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    | {c: "\\" + c for c in "&%$#_{}"}
+    | {"Δ": r"$\Delta$", "ν": r"$\nu$", "∞": r"$\infty$", "χ": r"$\chi$", "ẑ": r"$\hat z$"}
+    | {"α": r"$\alpha$", "λ": r"$\lambda$", "−": "$-$", "–": "--", "±": r"$\pm$"}
+)
 DIGITS = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 #: Columns whose cells are symbols.
 SYMBOLS = ("parameter", "coefficient")
+EMPTY = Number(text="", value=math.nan, source="")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,8 +78,7 @@ def csv(table: pd.DataFrame | Rows) -> bytes:
 
 
 def _cell(value: Any) -> str:
-    if isinstance(value, Number):
-        value = value.value
+    value = value.value if isinstance(value, Number) else value
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
@@ -99,13 +89,12 @@ def _cell(value: Any) -> str:
 
 def html(table: Table, heading: Markup | str) -> Markup:
     """The table as the page has it, each number with its product and key."""
-    rows = table.printed
     cells = [
         [
             v if hasattr(v, "__html__") else _word(n, v)
             for n, v in zip(table.shown, row, strict=True)
         ]
-        for row in rows.to_numpy()
+        for row in table.printed.to_numpy()
     ]
     return blocks.table(heading, list(table.shown.values()), cells)
 
@@ -117,19 +106,15 @@ def latex(table: Table, about: str) -> str:
     style = style.format({n: (lambda v, n=n: _in_latex(n, v)) for n in frame})  # type: ignore[misc]
     style.relabel_index([escaped(h) for h in table.shown.values()], axis="columns")
     rows = table.frame[list(table.shown)].to_numpy(dtype=object)
-    kinds = [
-        isinstance(v, Number | int | np.integer) for v in (rows[0] if len(rows) else table.shown)
-    ]
-    text = style.to_latex(hrules=True, column_format="".join("lr"[k] for k in kinds))
+    kinds = [isinstance(v, Number | int | np.integer) for row in rows[:1] for v in row]
+    text = style.to_latex(hrules=True, column_format="".join("lr"[k] for k in kinds) or None)
     return f"% {' '.join(about.split())}\n% \\usepackage{{booktabs, siunitx}}\n{text}"
 
 
 def _in_latex(column: str, value: Any) -> str:
     if isinstance(value, Number):
         return DIGITS.sub(lambda m: rf"\num{{{m[0]}}}", escaped(value.text.replace("−", "-")))
-    if column in SYMBOLS:
-        return mathematics(str(value))
-    return escaped(_word(column, value))
+    return mathematics(str(value)) if column in SYMBOLS else escaped(_word(column, value))
 
 
 def _word(column: str, value: Any) -> str:
@@ -138,9 +123,7 @@ def _word(column: str, value: Any) -> str:
         return letter(str(value))
     if column in ("model", "base_model"):
         return catalogue.model(str(value)).title
-    if column == "verdict":
-        return VERDICTS[value]
-    return titled(str(value))
+    return VERDICTS[value] if column == "verdict" else titled(str(value))
 
 
 def escaped(text: str) -> str:
@@ -176,17 +159,9 @@ def coefficients(evidence: Evidence) -> Table:
     return Table(
         caption=f"Coefficients to quote, from {RESULTS.file}; standard uncertainties (k = 1)",
         frame=pd.DataFrame(rows, columns=[*DESCRIBED, *COEFFICIENT]),
-        shown={
-            "boundary": "boundary",
-            "base_model": "model",
-            "effects": "with",
-            "parameter": "coefficient",
-            "value": "value",
-            "u": "u",
-            "lo90": "90 % from",
-            "hi90": "to",
-            "verdict": "verdict",
-        },
+        shown={"boundary": "boundary", "base_model": "model", "effects": "with"}
+        | {"parameter": "coefficient", "value": "value", "u": "u", "lo90": "90 % from"}
+        | {"hi90": "to", "verdict": "verdict"},
     )
 
 
@@ -210,35 +185,24 @@ def budget(evidence: Evidence) -> Table:
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
         for name, c in quoted.coefficients.items():
-            head = {"boundary": boundary, "model": quoted.base_model, "coefficient": name}
+            head = dict.fromkeys(BUDGET, "") | {"u_input": EMPTY, "sensitivity": EMPTY}
+            head |= {"boundary": boundary, "model": quoted.base_model, "coefficient": name}
             place = quotation(evidence, boundary, name)
             for i, line in sorted(enumerate(c.budget), key=lambda pair: pair[1].u_without):
                 main = line.kind != "A" or fall(line, c.u) >= MIN_FALL
                 rows.append(head | _source(place.at("budget", i), line) | {"main": main})
-            whole = {"source": "combined", "u": place.number("u", digits=3)}
-            known = {"u_without": Number(text="", value=0.0, source=place.source("u"))}
-            rows.append(head | whole | known | {"dof": place.degrees("dof"), "main": True})
-    frame = pd.DataFrame(rows, columns=[*BUDGET, "main"])
-    text = [n for n in BUDGET if n not in ("u_input", "sensitivity")]
-    frame[text] = frame[text].astype(object).where(frame[text].notna(), "")
-    empty: Any = Number(text="", value=math.nan, source="")
-    frame = frame.astype(object).where(frame.notna(), empty)
+            combined = {"source": "combined", "u": place.number("u", digits=3), "main": True}
+            # known exactly, nothing is left
+            nothing = {"u_without": replace(EMPTY, value=0.0, source=place.source("u"))}
+            rows.append(head | combined | nothing | {"dof": place.degrees("dof")})
+    frame = pd.DataFrame(rows, columns=[*BUDGET, "main"], dtype=object)
     return Table(
         caption=f"Uncertainty budget of each coefficient to quote, from {RESULTS.file}",
         frame=frame.drop(columns="main"),
         main=frame["main"].astype(bool),
-        shown={
-            "coefficient": "coefficient",
-            "source": "source",
-            "type": "type",
-            "distribution": "distribution",
-            "scope": "shared by",
-            "u_input": "standard uncertainty",
-            "sensitivity": "sensitivity",
-            "u": "u",
-            "u_without": "u without",
-            "dof": "ν",
-        },
+        shown={n: n for n in ("coefficient", "source", "type", "distribution")}
+        | {"scope": "shared by", "u_input": "standard uncertainty", "sensitivity": "sensitivity"}
+        | {"u": "u", "u_without": "u without", "dof": "ν"},
     )
 
 
@@ -249,17 +213,14 @@ BUDGET = (
 
 
 def _source(place: Place, line: BudgetLine) -> dict[str, object]:
-    scale, unit = SCALES[line.unit] if line.unit else (1.0, "")
     row: dict[str, object] = {
-        "source": line.source,
+        **{k: getattr(line, k) for k in ("source", "unit", "distribution", "scope")},
         "type": line.kind,
-        "unit": line.unit,
-        "distribution": line.distribution,
-        "scope": line.scope,
         **{k: place.number(k, digits=2) for k in ("u", "u_without")},
         "dof": place.degrees("dof"),
     }
     if line.u_input is not None and line.sensitivity is not None:
+        scale, unit = SCALES[line.unit] if line.unit else (1.0, "")
         size = place.number("u_input", digits=3, scale=scale, how=f"in {unit}")
         slope = place.number("sensitivity", digits=3, scale=1 / scale, how=f"per {unit}")
         row["u_input"] = replace(size, text=f"{size.text} {unit}".strip())
@@ -281,18 +242,9 @@ def comparison(evidence: Evidence) -> Table:
     return Table(
         caption=f"Models compared by their prediction of visits left out, from {FIT.file}",
         frame=pd.DataFrame(rows),
-        shown={
-            "boundary": "boundary",
-            "model": "model",
-            "free": "free",
-            "d_elpd": "Δ score",
-            "u_d_elpd": "its u",
-            "held_out_rmse": "held-out RMSE (%)",
-            "aic": "ΔAIC",
-            "bic": "ΔBIC",
-            "log_evidence": "Δ ln Z",
-            "r2": "R²",
-        },
+        shown={"boundary": "boundary", "model": "model", "free": "free", "d_elpd": "Δ score"}
+        | {"u_d_elpd": "its u", "held_out_rmse": "held-out RMSE (%)", "aic": "ΔAIC"}
+        | {"bic": "ΔBIC", "log_evidence": "Δ ln Z", "r2": "R²"},
     )
 
 
@@ -316,11 +268,8 @@ def _score(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, objec
         "model": name,
         "base": name == compared.reference,
         "free": len(fits[name].parameters),
-        "visits": score.visits,
-        "skipped": score.skipped,
-        "elpd": score.elpd,
-        "d_elpd": at.number("d_elpd", places=1),
-        "u_d_elpd": at.number("u_d_elpd", places=1),
+        **{k: getattr(score, k) for k in ("visits", "skipped", "elpd")},
+        **{k: at.number(k, places=1) for k in ("d_elpd", "u_d_elpd")},
         "held_out_rmse": at.percent("rmse", places=3),
         "d_held_out_rmse": score.d_rmse,
         "u_d_held_out_rmse": score.u_d_rmse,

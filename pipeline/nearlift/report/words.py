@@ -21,7 +21,7 @@ from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
 from nearlift.reduction.quality import CODES, rejected
-from nearlift.report import relative_lift
+from nearlift.report import curves
 from nearlift.report.evidence import Evidence, pick
 from nearlift.report.figures import downwash
 from nearlift.report.phrases import (
@@ -228,11 +228,11 @@ class Brief:
             return ""
 
         def beyond(z_hat: float) -> float:
-            line = relative_lift.line(self.evidence, self.boundary, np.atleast_1d(z_hat))
+            line = curves.line(self.evidence, self.boundary, np.atleast_1d(z_hat))
             return abs(float(line.middle[0])) - SEEN
 
         grid = np.geomspace(z_hat.min(), z_hat.max(), 41)
-        change = np.abs(relative_lift.line(self.evidence, self.boundary, grid).middle) - SEEN
+        change = np.abs(curves.line(self.evidence, self.boundary, grid).middle) - SEEN
         larger = np.flatnonzero(change >= 0)
         if not len(larger) or larger[-1] == len(grid) - 1:
             return ""

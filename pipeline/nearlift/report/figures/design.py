@@ -7,10 +7,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from nearlift.report.documents.text import size_text
 from nearlift.report.evidence import Part, frame, pick, records
 from nearlift.report.figures import style
 from nearlift.report.figures.style import SERIES, SMALL_PT, Style
-from nearlift.report.forecasts import size_text
 from nearlift.results.design import DesignOutlook
 
 COLUMNS = ("boundary", "panel", "effect", "series", "x", "note")

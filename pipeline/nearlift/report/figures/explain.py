@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from nearlift.report.documents.text import SHOWN
 from nearlift.report.evidence import Part, frame, groups, pick, records
 from nearlift.report.figures import style
 from nearlift.report.figures.style import BAND, FITTED, SERIES, Style
-from nearlift.report.forecasts import SHOWN
 from nearlift.results.explanation import EffectCurves
 
 #: Rivals drawn, at most.

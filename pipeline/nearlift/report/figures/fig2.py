@@ -1,6 +1,6 @@
 """Figure 2: Delta L against distance at each boundary, with theory and the quoted model.
 
-Below, Delta L less the curve. Cells and curve are those of `relative_lift`.
+Below, Delta L less the curve. Cells and curve are those of `curves`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, SERIES, Style, plain_text
 from nearlift.report.phrases import coefficient_text, coverage, listed
-from nearlift.report.relative_lift import is_base_fit, line, quoted_model, relative_lift
 from nearlift.rounding import plain
 from nearlift.stages.fit import FIT, POSTERIOR
 from nearlift.stages.ingest import TRIALS
@@ -131,10 +130,10 @@ def table(evidence: Evidence) -> pd.DataFrame:
 
 
 def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
-    cells, drawn = relative_lift(evidence, boundary), quoted_model(evidence, boundary)
+    cells, drawn = curves.relative_lift(evidence, boundary), curves.quoted_model(evidence, boundary)
     at = cells.z_hat[cells.z_hat > 0]
     z_hat = np.geomspace(at.min(), at.max(), POINTS)
-    curve = line(evidence, boundary, z_hat)
+    curve = curves.line(evidence, boundary, z_hat)
     base, _ = evidence.base(boundary)
     short = SHORT.get(base.name, base.title)
     parts: list[Part] = [
@@ -172,7 +171,7 @@ def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
             label = {"kind": "overlay", "label": overlay.label}
             parts.append({**label, **measured, "u_delta_L_percent": u})
     for part in parts:
-        fitted = line(evidence, boundary, np.asarray(part["z_hat"], dtype=float)).middle
+        fitted = curves.line(evidence, boundary, np.asarray(part["z_hat"], dtype=float)).middle
         part["above_fit_percent"] = part["delta_L_percent"] - 100 * fitted
     level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * cells.u_L_inf}
     return [*parts, {"kind": "L_inf", "z_hat": z_hat[[0, -1]], **level}]
@@ -216,7 +215,7 @@ def _line_note(evidence: Evidence, table: pd.DataFrame) -> str:
         said += f" Thin line ({', '.join(apart)}): least squares, which differs visibly."
     else:
         said += " Least squares gives the same line."
-    if other := [b for b in evidence.boundaries if not is_base_fit(evidence, b)]:
+    if other := [b for b in evidence.boundaries if not curves.quoted_model(evidence, b).is_base]:
         said += f" {listed(other).capitalize()}: the quoted model and its 90 % band."
     if endless := [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]:
         said += f" No band ({', '.join(endless)}): the coefficients have unbounded intervals."
@@ -226,7 +225,7 @@ def _line_note(evidence: Evidence, table: pd.DataFrame) -> str:
 def fit_note(evidence: Evidence, boundary: Boundary) -> str:
     """Note on a panel: model, coefficients, corrections and u(L_inf)."""
     model, fit = evidence.base(boundary)
-    quoted, drawn = evidence.quoted(boundary), quoted_model(evidence, boundary)
+    quoted, drawn = evidence.quoted(boundary), curves.quoted_model(evidence, boundary)
     said = [coefficient_text(c, name) for name, c in quoted.coefficients.items()]
     said += [coverage(quoted.headline)] if any("±" in text for text in said) else []
     coefficients = f" ({', '.join(said)})" if said else ""
@@ -242,7 +241,7 @@ def fit_note(evidence: Evidence, boundary: Boundary) -> str:
             f" The points are as measured. The line includes"
             f" {listed([*map(titled, drawn.in_curve)])}, its band the scatter alone."
         )
-    u = plain(100 * relative_lift(evidence, boundary).u_L_inf, 2)
+    u = plain(100 * curves.relative_lift(evidence, boundary).u_L_inf, 2)
     return f"{text} u(L∞) = {u} % from scatter."
 
 

@@ -5,7 +5,13 @@
   const held = JSON.parse(document.getElementById("charts")?.textContent ?? "{}");
   const live = new Map();
 
-  const options = { mode: "vega-lite", ast: true, renderer: "svg", actions: false, defaultStyle: false, tooltip: { disableDefaultStyle: true } };
+  const rule = "var(--rule)", text = "var(--text)", font = { labelColor: text, titleColor: text, labelFontSize: 12 };
+  const config = {
+    font: "system-ui, sans-serif", background: "transparent", view: { stroke: rule },
+    axis: { ...font, domainColor: rule, tickColor: rule, gridColor: rule, gridOpacity: .35, titleFontSize: 13, titleFontWeight: "normal", tickCount: 6 },
+    legend: { ...font, labelLimit: 260, orient: "bottom", symbolSize: 70, padding: 2, title: null, layout: { bottom: { direction: "vertical", anchor: "start" } } },
+  };
+  const options = { config, mode: "vega-lite", ast: true, renderer: "svg", actions: false, defaultStyle: false, tooltip: { disableDefaultStyle: true } };
 
   const draw = async (place, width) => {
     const spec = held[place.closest("[data-chart]").dataset.chart][place.dataset.view];
