@@ -194,7 +194,10 @@ def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> Non
         what = f"{place} the lift is {lift:.4g} N, {times}"
         raise InputRefused(key, what, _other_unit(lift, weight, unit))
     if ratio < 0:
-        remedy = "lift pulls the cell the other way: change the sign of [records] force"
+        remedy = (
+            "if lift pulls the cell the other way, change the sign of [records] force; if a"
+            " converter's counter wraps, `nearlift inspect` of a record shows the jump"
+        )
         raise InputRefused(key, f"{place} the lift is negative ({lift:.4g} N)", remedy)
 
 
