@@ -334,7 +334,7 @@ def test_figures_and_chapter(flown):
         assert "alving the step changes" in spec.caption(evidence, table)
         assert "ground" in spec.alt(table)
     text = small_run.chapter(evidence, "safety")
-    captions = re.findall(r"(\w+): lowest set-point for a stated risk", text)
+    captions = re.findall(r"<caption>(\w+): lowest set-point for a stated risk", text)
     assert captions == ["Ground", "Ceiling"]
     assert 'data-source="safety.json#/fitted/ground/levels/0/rate_lo90"' in text
     assert "The paper's simulation, repeated" in html.unescape(text)

@@ -399,6 +399,7 @@ def test_a_gain_of_each_visit_is_never_named():
     )
 
 
+@pytest.mark.nightly
 def test_a_cause_that_predicts_visits_left_out_is_found():
     found = findings(sweeps(4, spread=0.004, supply_falls=True), GROUND)
     assert [e["name"] for e in found["effects"]] == ["supply_sag"]
@@ -407,6 +408,7 @@ def test_a_cause_that_predicts_visits_left_out_is_found():
     assert found["error"]["after"]["held_out_rmse"] < found["error"]["before"]["held_out_rmse"] / 3
 
 
+@pytest.mark.nightly
 def test_a_throttle_that_one_visit_alone_has_hides_no_cause():
     # without that visit the trial has no L_inf and cannot be predicted, whatever the cause
     data = sweeps(4, spread=0.004, supply_falls=True)

@@ -32,9 +32,8 @@ def test_within_raw_products_go_beside_it(raw, monkeypatch, inside):
 
 
 def test_elsewhere_they_go_to_the_current_folder(raw, tmp_path, monkeypatch):
-    (tmp_path / "raw" / "desk").mkdir(parents=True)
-    # within a folder called raw, but not the campaign's
-    monkeypatch.chdir(tmp_path / "raw" / "desk")
+    (tmp_path / "desk").mkdir()
+    monkeypatch.chdir(tmp_path / "desk")
     assert nearlift("ingest", raw / "june" / "means", "-q").exit_code == 0
     assert Path("processed", "means", "trials.parquet").is_file()
 

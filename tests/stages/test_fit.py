@@ -127,7 +127,8 @@ def test_posterior_nc_opens_in_arviz(done):
 
 def test_export_asks_for_a_format_and_all_are_on_the_command_line(done):
     raw, out = done
-    assert cli.EXPORTS.keys() == FORMATS.keys()
+    flags = {p.name for p in cli.main.commands["export"].params if getattr(p, "is_flag", False)}
+    assert FORMATS.keys() <= flags
     found = small_run.nearlift("export", raw, "--out", out)
     assert found.exit_code == 2
     assert "no format was asked for" in found.stderr

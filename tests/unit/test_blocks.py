@@ -13,6 +13,8 @@ from .blocks import Block, Runner, blocks, pages
 
 #: The programs of export.md are compiled and run by test_export_page.
 WITH_BLOCKS = [page for page in pages() if blocks(page) and page.name != "export.md"]
+#: Pages whose blocks diagnose several campaigns.
+SLOW = {"closing-the-loop"}
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +39,13 @@ def workspace(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.stem, marks=[pytest.mark.nightly] * (page.stem in SLOW))
+        for page in WITH_BLOCKS
+    ],
+)
 @pytest.mark.usefixtures("plain_pictures")
 def test_blocks_run(page, workspace, monkeypatch):
     monkeypatch.chdir(workspace)

@@ -64,8 +64,7 @@ def pitt_ras_older(files: Files, name: str) -> Converted:
         table = _read(path, columns, header=0)
     else:
         sweeps = re.split(r"(?m)^\s*np\.array\(\(", path.read_text(encoding="utf-8"))[1:]
-        number = r"\s*([\d.]+)\s*"
-        row = re.compile(rf"(?m)^\s*\({number},{number},{number},{number}\)")
+        row = re.compile(r"(?m)^\s*\(\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*\)")
         rows = [
             (k, *numbers) for k, sweep in enumerate(sweeps, 1) for numbers in row.findall(sweep)
         ]

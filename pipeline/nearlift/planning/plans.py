@@ -260,7 +260,7 @@ def further_rows(
 
 def _numbered_on(known: Sequence[str]) -> Iterator[str]:
     """Ids of trials that go on from the last one that ends in a number, none of them known."""
-    counted = [match for text in known if (match := re.search(r"[0-9]+\Z", text))]
+    counted = [match for text in known if (match := re.search(r"(?<![0-9])[0-9]+\Z", text))]
     before, digits = "next-", "0"
     if counted:
         before, digits = counted[-1].string[: counted[-1].start()], counted[-1][0]

@@ -196,7 +196,7 @@ def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> Non
     if ratio < 0:
         remedy = (
             "if lift pulls the cell the other way, change the sign of [records] force; if a"
-            " converter's counter wraps, `nearlift inspect` of a record shows the jump"
+            " converter's counter wraps, `nearlift inspect FILE` shows the jump"
         )
         raise InputRefused(key, f"{place} the lift is negative ({lift:.4g} N)", remedy)
 

@@ -1,7 +1,7 @@
 """export: the posterior as netCDF, and the fitted lift models as C header, JSON and Python module.
 
 Lift models are written to export/ in the campaign's folder of products. A new format is one more
-entry of `FORMATS`, and of the command line's `EXPORTS`.
+entry of `FORMATS`, and a flag of the command.
 """
 
 from __future__ import annotations
