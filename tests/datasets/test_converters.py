@@ -103,6 +103,17 @@ def test_older_sweeps_are_read_from_their_script(tmp_path):
     assert rows["distance"].tolist() == [1.5, 0.2]
 
 
+def test_older_sweeps_are_read_from_a_transcript(tmp_path):
+    table = tmp_path / "sweeps.csv"
+    table.write_text(
+        "sweep,force_raw,throttle_us,vbat_V,dist_to_ground_m\n1,15,1220,12.4,1.5\n2,27,1320,12.1,0.2\n"
+    )
+    rows, _ = converters.pitt_ras_older({"sweeps": table}, "older")
+    assert rows["trial"].tolist() == ["s1-00", "s2-01"]
+    assert rows["lift"].tolist() == [15, 27]
+    assert rows["distance"].tolist() == [1.5, 0.2]
+
+
 def test_a_script_becomes_a_table_with_the_heights_of_each_row():
     lines = garofano_soldado_table(SCRIPT, "script.m").splitlines()
     assert lines[1:] == [

@@ -61,7 +61,8 @@ def pitt_ras_older(files: Files, name: str) -> Converted:
     (path,) = files.values()
     columns = ["session", "lift", "pulse_us", "supply", "distance"]
     if path.suffix == ".csv":
-        table = _read(path, columns, header=0)
+        transcribed = ["sweep", "force_raw", "throttle_us", "vbat_V", "dist_to_ground_m"]
+        table = _read(path, transcribed, header=0).set_axis(columns, axis=1)
     else:
         sweeps = re.split(r"(?m)^\s*np\.array\(\(", path.read_text(encoding="utf-8"))[1:]
         row = re.compile(r"(?m)^\s*\(\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*\)")

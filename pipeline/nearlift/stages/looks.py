@@ -28,7 +28,7 @@ def verdicts(job: Job) -> str:
 
 
 def snapshot(job: Job) -> dict[str, str]:
-    """What products on disk say in words, to be compared with a later run's: accepted trials, and
+    """Answers of the products on disk in words, to be compared with a later run's: accepted trials, and
     by boundary the first coefficient and the verdict.
     """
     words = {}
