@@ -28,8 +28,8 @@ def verdicts(job: Job) -> str:
 
 
 def snapshot(job: Job) -> dict[str, str]:
-    """Answers of the products on disk in words, to be compared with a later run's: accepted trials, and
-    by boundary the first coefficient and the verdict.
+    """Answers of the products on disk in words, for comparison with a later run: accepted trials,
+    and by boundary the first coefficient and the verdict.
     """
     words = {}
     # a table that is missing or damaged is about to be written again
