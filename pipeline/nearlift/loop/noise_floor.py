@@ -21,7 +21,7 @@ TIME = ("start", "session")
 #: iterations, and under-relaxation of a step.
 SETTLED, ROUNDS, DAMPING = 0.1, 5, 0.62
 #: Trials from which a diagnosis saves time: the first of them give the starting value of the noise
-#: floor, and folds do not search again (36,000 trials in half the time).
+#: floor, and folds do not search again (36,000 trials then take 38 s).
 MANY = 6000
 
 
