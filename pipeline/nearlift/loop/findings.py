@@ -217,7 +217,8 @@ def beyond_bounds(answer: Answer) -> tuple[str, ...]:
             if p.grid or size not in p.bounds:
                 continue
             shown, unit = (1e3 * size, "mm") if p.unit == "m" else (size, p.unit)
-            beyond = f"{'above' if size == p.bounds[1] else 'below'} {plain(shown, 3)}"
+            way = "above" if size == p.bounds[1] else "beyond" if size < 0 else "below"
+            beyond = f"{way} {plain(shown, 3)}"
             texts.append(
                 f"{effect.name} would explain {100 * min(e.gain / excess, 1):.0f} % with {p.name}"
                 f" {beyond}{'' if unit == '1' else f' {unit}'}: check that bound"
