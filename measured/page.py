@@ -230,7 +230,7 @@ def write(folder: Path, rows: Sequence[Measured], pairs: Sequence[Pair]) -> None
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     (folder / "measured.md").write_text(text, encoding="utf-8")
     write_rows(folder / "measured-injections.csv", put_in)
-    with context(Style()):
+    with context():
         for name, figure in (("errors", draw_errors(rows)), ("injections", draw(put_in))):
             figure.savefig(
                 folder / f"figures/measured-{name}.png", dpi=160, metadata={"Software": None}

@@ -198,7 +198,7 @@ def test_outcomes(answer, without, expected):
     assert STORED.validate_json(STORED.dump_json(answer)) == answer
 
 
-def test_rows_are_reproducible_by_their_command(tmp_path):
+def test_rows_are_reproducible_by_their_command(tmp_path, monkeypatch):
     case = Case("jirs2024-ceiling-12-inch", "gain_drift", 2.0)
     pair = page.Pair(case, finding("unexplained"), finding("adequate"))
     page.write_rows(tmp_path / "rows.csv", [pair])
@@ -207,3 +207,9 @@ def test_rows_are_reproducible_by_their_command(tmp_path):
     assert row["command"] == f"python -m measured --case {case.campaign} gain_drift 2"
     assert "| `gain_drift` | 2 | 0 | 0 | 0 | 1 |" in page.injections([pair])
     assert f"| {case.campaign} | adequate, 90 % | 0 | 0 | 0 | 1 | 1 of 1 |" in page.coverage([pair])
+    # no campaign is measured here, so their figure is that of the injections
+    monkeypatch.setattr(page, "draw_errors", lambda _: page.draw([pair]))
+    page.write(tmp_path, [], [pair])
+    assert case.campaign in (tmp_path / "measured.md").read_text()
+    for name in ("errors", "injections"):
+        assert (tmp_path / f"figures/measured-{name}.png").stat().st_size > 5000
