@@ -47,7 +47,7 @@ Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input u
 refused; 5 a fit did not converge; 130 interrupted.
 """
 PATH = click.Path(path_type=Path)
-POSITIVE, SHARE = click.FloatRange(min=0, min_open=True), click.FloatRange(0, 1)
+POSITIVE = click.FloatRange(min=0, min_open=True)
 flag = functools.partial(click.option, is_flag=True)
 campaign_argument = click.argument("campaign", type=PATH)
 dialect_option = click.option(

@@ -25,6 +25,7 @@ from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.nomenclature import SCHEDULE_WORDS
+from nearlift.reduction.stretch import SD_PER_MAD
 from nearlift.report.evidence import Evidence, Part, frame, groups, lift_inf_N, pick, records
 from nearlift.report.figures import binning, style
 from nearlift.report.figures.fig2 import references
@@ -355,7 +356,7 @@ def _draw_residual(ax: Axes, rows: pd.DataFrame, look: Style, labelled: bool) ->
     cloud, means = pick(rows, kind="trial"), pick(rows, kind="bin")
     floor = float(pick(rows, kind="floor")["value"].iloc[0])
     size = cloud["value"].abs()
-    reach = min(REACH * 1.4826 * float(size.median()), 1.08 * float(size.max()))
+    reach = min(REACH * SD_PER_MAD * float(size.median()), 1.08 * float(size.max()))
     reach = max(reach, 1.15 * float((means["value"].abs() + means["u"].fillna(0)).max()), 1e-6)
     if labelled:
         ax.set_ylabel("relative residual (%)")
