@@ -131,7 +131,7 @@ def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> No
 
     Lists its channels and prints the tables of a manifest that read it. These are [records] of a
     record, [piv] of a velocity grid, or the schedule's units of a table of means. With --cuts, FILE
-    is a campaign's folder or one of its records.
+    is a campaign's folder.
     """
     if cuts and dialect:
         remedy = "write it under [records] of the manifest"
@@ -139,7 +139,7 @@ def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> No
     if cuts:
         from nearlift.onboarding import cuts as cutting
 
-        call.answers("campaigns", cutting.answers(files, call.out))
+        call.answers("campaigns", [cutting.cuts(campaign, call.out) for campaign in files])
         return
     from nearlift.onboarding import shown
     from nearlift.onboarding.inspection import inspect

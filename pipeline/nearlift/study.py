@@ -240,7 +240,7 @@ def trials(
     Records give one standard error per trial (`u_lift_N`); it is stated as the standard deviation
     of a single mean. Products are kept in a temporary folder as long as the study is.
     """
-    from nearlift.onboarding.frames import columns_of, write_campaign
+    from nearlift.onboarding.frames import write_campaign
 
     vehicle = {
         "name": name,
@@ -252,8 +252,7 @@ def trials(
     folder = Path(tempfile.mkdtemp(prefix="nearlift-"))
     with contextlib.ExitStack() as refused:
         refused.callback(shutil.rmtree, folder, ignore_errors=True)
-        columns = columns_of(frame)
-        root = write_campaign(folder, frame, columns, name, vehicle, held, sections)
+        root = write_campaign(folder, frame, vehicle, held, sections)
         study = Study(root, folder, seed, "serial")
         weakref.finalize(study, refused.pop_all().close)
     return study

@@ -9,10 +9,6 @@ from nearlift.onboarding import headings
 from nearlift.readers.base import Channel
 
 
-def channels(*columns: tuple[str, str]) -> list[Channel]:
-    return [Channel(name=name, unit=unit, values=np.arange(5.0)) for name, unit in columns]
-
-
 @pytest.mark.parametrize(
     ("columns", "force"),
     [
@@ -29,16 +25,16 @@ def channels(*columns: tuple[str, str]) -> list[Channel]:
         ((("motor thrust (N)", "N"), ("rpm", "rpm")), "motor thrust (N)"),
     ],
 )
-def test_a_motors_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
-    found = headings.force_channel(channels(*columns))
-    assert (found and found.name) == force
+def test_a_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
+    channels = [Channel(name=name, unit=unit, values=np.arange(5.0)) for name, unit in columns]
+    chosen = headings.force_channel(channels)
+    assert (chosen and chosen.name) == force
 
 
 @pytest.mark.parametrize(
     ("name", "meant"),
     [
         ("t_s", ("t", "s")),
-        ("h_m", ("h", "m")),
         ("vbat_V", ("vbat", "V")),
         ("Thrust (gf)", ("Thrust", "gf")),
         ("fz_n", ("fz", "N")),
@@ -50,11 +46,5 @@ def test_a_motors_command_is_no_force_and_of_two_forces_none_is_picked(columns, 
         ("rows", ("rows", "")),
     ],
 )
-def test_units_stand_in_names(name, meant):
+def test_units_in_names(name, meant):
     assert headings.named(name) == meant
-
-
-def test_a_load_cell_has_a_usual_rate():
-    for rate, clock in ((100.0, "s"), (1.0, "s"), (1e6, "us")):
-        assert not headings.doubtful_rate(rate, channels(("t", clock))[0])
-    assert headings.doubtful_rate(3e6, None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +14,14 @@ from tests.unit.small_run import nearlift
 from nearlift.campaign.parsing import validated
 from nearlift.campaign.piv import Piv
 from nearlift.campaign.segments import Segments
+from nearlift.onboarding.inspection import inspect
+from nearlift.onboarding.shown import block, notes
 
 
-def block_of(*words: object) -> dict[str, object]:
-    """The manifest's tables that `inspect` prints."""
-    answer = nearlift("inspect", *words)
-    assert answer.exit_code == 0, answer.output
-    return tomllib.loads(answer.stdout.split("\n\n", 1)[1])
+def proposed(path: Path, **columns: np.ndarray) -> dict[str, Any]:
+    """The manifest's tables for a record with these columns."""
+    path.write_text(sweeps.text_of(columns))
+    return tomllib.loads(block(inspect(path)))
 
 
 def test_the_cells_own_counts_are_no_throttle(tmp_path: Path) -> None:
@@ -27,50 +29,39 @@ def test_the_cells_own_counts_are_no_throttle(tmp_path: Path) -> None:
     counts = np.round(-500_000 + 1000 * own["force"])
     for name in ("thrust_raw", "HX711 counts", "load cell adc"):
         columns = {"t_s": own["t"], name: counts, "force_mN": own["force"]}
-        path = tmp_path / "r.csv"
-        path.write_text(sweeps.text_of({**columns, "throttle_pct": own["throttle"]}))
-        assert block_of(path)["segments"]["by"] == "throttle_pct"
-        path.write_text(sweeps.text_of(columns))
-        assert name not in str(block_of(path)["segments"])
+        whole = proposed(tmp_path / "r.csv", **columns, throttle_pct=own["throttle"])
+        assert whole["segments"]["by"] == "throttle_pct"
+        assert name not in str(proposed(tmp_path / "r.csv", **columns)["segments"])
 
 
 @pytest.mark.parametrize(("hold", "clock"), [(8, False), (8, True), (25, True), (4, False)])
 def test_a_staircase_of_short_levels_is_cut_as_a_ramp(
     tmp_path: Path, hold: int, clock: bool
 ) -> None:
-    steps = np.concatenate([np.full(200, 500), np.repeat(np.arange(1000, 60_000, 900), hold)])
-    rng = np.random.default_rng(3)
-    force = 1e-8 * steps.astype(float) ** 2 + rng.normal(0, 0.02, len(steps))
-    columns = {"pwm": steps.astype(float), "thrust_g": force}
-    own = {"t_s": np.arange(len(steps)) / 100.0, **columns} if clock else columns
-    path = tmp_path / "ramp.csv"
-    path.write_text(sweeps.text_of(own))
-    found = block_of(path)
-    assert found["segments"]["by"] == "windows"
-    assert found["levels"]["by"] == "curve"
+    steps = np.concatenate([np.full(200, 500.0), np.repeat(np.arange(1000.0, 60_000, 900), hold)])
+    force = 1e-8 * steps**2 + np.random.default_rng(3).normal(0, 0.02, len(steps))
+    columns = {"t_s": np.arange(len(steps)) / 100.0} if clock else {}
+    tables = proposed(tmp_path / "ramp.csv", **columns, pwm=steps, thrust_g=force)
+    assert tables["segments"]["by"] == "windows"
+    assert tables["levels"]["by"] == "curve"
 
 
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 4.0])
 def test_proposed_cuts_keep_the_levels(tmp_path: Path, seconds: float) -> None:
-    rate = 100
-    throttle = np.repeat([0.0, 30, 45, 60, 75, 0], round(seconds * rate))
-    rng = np.random.default_rng(4)
-    force = 0.02 * throttle**1.8 + rng.normal(0, 0.3, len(throttle))
-    path = tmp_path / "s.csv"
-    t = np.arange(len(throttle)) / rate
-    path.write_text(sweeps.text_of({"t_s": t, "throttle (%)": throttle, "thrust_g": force}))
-    cut = validated(Segments, block_of(path)["segments"], "it")
+    throttle = np.repeat([0.0, 30, 45, 60, 75, 0], round(seconds * 100))
+    force = 0.02 * throttle**1.8 + np.random.default_rng(4).normal(0, 0.3, len(throttle))
+    columns = {"t_s": np.arange(len(throttle)) / 100, "throttle (%)": throttle, "thrust_g": force}
+    cut = validated(Segments, proposed(tmp_path / "s.csv", **columns)["segments"], "it")
     assert cut.by == "throttle (%)"
     assert cut.settle + cut.shortest < seconds
 
 
-def test_without_a_rate_nothing_is_said_in_seconds_that_was_not_tried(tmp_path: Path) -> None:
+def test_without_a_rate_nothing_is_given_in_seconds_that_was_not_tried(tmp_path: Path) -> None:
     throttle = np.repeat([0.0, 30, 60, 80, 0], 300)
     force = 0.02 * throttle**1.8 + np.random.default_rng(5).normal(0, 0.3, len(throttle))
-    path = tmp_path / "s.csv"
-    path.write_text(sweeps.text_of({"throttle_pct": throttle, "thrust_g": force}))
-    assert block_of(path)["segments"]["settle"] == "FILL IN s"
-    assert "levels last 300 samples" in nearlift("inspect", path).stdout
+    tables = proposed(tmp_path / "s.csv", throttle_pct=throttle, thrust_g=force)
+    assert tables["segments"]["settle"] == "FILL IN s"
+    assert "levels last 300 samples" in nearlift("inspect", tmp_path / "s.csv").stdout
 
 
 def test_names_proposed_for_numbers_without_names_are_read_by_the_same_reader(
@@ -78,19 +69,17 @@ def test_names_proposed_for_numbers_without_names_are_read_by_the_same_reader(
 ) -> None:
     rows = "".join(f"{i} x {200 + i % 5}\n" for i in range(80))
     path = written.put(tmp_path, "a.txt", rows.encode())
-    said = block_of(path)["records"]["dialect"]
-    assert said == {"columns": ["column 1", "column 2", "column 3"]}
-    text = 'columns = ["column 1", "column 2", "column 3"]'
-    assert nearlift("inspect", path, "--dialect", text).exit_code == 0
+    dialect = tomllib.loads(block(inspect(path)))["records"]["dialect"]
+    assert dialect == {"columns": ["column 1", "column 2", "column 3"]}
+    assert inspect(path, dialect).reader == "text"
 
 
 def test_new_proposes_a_tare_and_settling_with_a_margin(tmp_path: Path) -> None:
+    (tmp_path / "rig").mkdir()
     for k in range(8):
         t, force = sweeps.started(1.0 + 0.02 * (k % 3), 0.05, 100, k)
-        (tmp_path / "rig").mkdir(exist_ok=True)
-        (tmp_path / "rig" / f"r{k}.csv").write_text(
-            sweeps.text_of({"t_s": np.round(t, 4), "thrust_g": np.round(force, 3)})
-        )
+        columns = {"t_s": np.round(t, 4), "thrust_g": np.round(force, 3)}
+        (tmp_path / "rig" / f"r{k}.csv").write_text(sweeps.text_of(columns))
     assert nearlift("new", tmp_path / "c", "--from", tmp_path / "rig").exit_code == 0
     text = (tmp_path / "c" / "campaign.toml").read_text()
     cell = tomllib.loads(text)["load_cell"]
@@ -103,10 +92,10 @@ def test_new_proposes_a_tare_and_settling_with_a_margin(tmp_path: Path) -> None:
 def test_units_from_names_reach_the_block_with_the_rate_of_the_clock(tmp_path):
     lines = "".join(f"{i / 200},{0.1},{3.9},{9.5 + i % 3}\n" for i in range(60))
     path = written.put(tmp_path, "a.csv", ("t_s,h_m,vbat_V,thrust_g\n" + lines).encode())
-    block = tomllib.loads(nearlift("inspect", path).stdout.split("\n\n", 1)[1])
-    assert block["load_cell"]["sample_rate"] == "200 Hz"
-    assert block["records"]["force"] == {"column": "thrust_g", "unit": "gf", "sign": 1}
-    assert block["records"]["time"] == {"column": "t_s", "unit": "s"}
+    tables = tomllib.loads(block(inspect(path)))
+    assert tables["load_cell"]["sample_rate"] == "200 Hz"
+    assert tables["records"]["force"] == {"column": "thrust_g", "unit": "gf", "sign": 1}
+    assert tables["records"]["time"] == {"column": "t_s", "unit": "s"}
 
 
 def test_a_rate_that_cannot_be_is_no_rate(tmp_path):
@@ -114,15 +103,13 @@ def test_a_rate_that_cannot_be_is_no_rate(tmp_path):
     refused for its unit.
     """
     lines = "".join(f"{10_000 * i},{200 + i % 3}\n" for i in range(60))
-    path = written.put(tmp_path, "a.csv", ("t[ms],fz[mN]\n" + lines).encode())
-    told = nearlift("inspect", path).stdout
-    assert "note: the file says 0.1 Hz, which no load cell has" in told
-    assert "its clock is in us (100 Hz)" in told
-    block = tomllib.loads(told.split("\n\n", 1)[1])
-    assert block["load_cell"]["sample_rate"] == "FILL IN Hz"
-    assert "time" not in block["records"]
-    made = nearlift("new", tmp_path / "c", "--from", path)
-    assert 'sample_rate = "FILL IN Hz"' in made.stdout
+    seen = inspect(written.put(tmp_path, "a.csv", ("t[ms],fz[mN]\n" + lines).encode()))
+    (note,) = notes(seen)
+    assert "the file says 0.1 Hz, which no load cell has" in note
+    assert "its clock is in us (100 Hz)" in note
+    tables = tomllib.loads(block(seen))
+    assert tables["load_cell"]["sample_rate"] == "FILL IN Hz"
+    assert "time" not in tables["records"]
 
 
 GRID = (
@@ -156,14 +143,9 @@ def test_a_velocity_grid_gets_a_piv_section_that_can_be_filled_in(tmp_path):
 
 
 def test_a_grid_in_pixels_is_asked_for_its_scale(tmp_path):
-    rows = "".join(
-        f"{16 * i} {16 * j} 0.5 -2.5 {30 + i}\n" for j in range(1, 5) for i in range(1, 6)
-    )
-    section = tomllib.loads(
-        nearlift("inspect", written.put(tmp_path, "a.txt", rows.encode())).stdout.split("\n\n", 1)[
-            1
-        ]
-    )["piv"]
+    rows = (f"{16 * i} {16 * j} 0.5 -2.5 {30 + i}\n" for j in range(1, 5) for i in range(1, 6))
+    path = written.put(tmp_path, "a.txt", "".join(rows).encode())
+    section = tomllib.loads(block(inspect(path)))["piv"]
     assert section["format"] == "openpiv"
     blank = {key for key, value in section.items() if "FILL IN" in str(value)}
     assert {"length_unit", "velocity_unit", "scale", "frame_time"} <= blank

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.unit import small_run, written
 from tests.unit.small_run import nearlift
 
+from nearlift.campaign import manifest as manifests
 from nearlift.onboarding.inspection import inspect
+from nearlift.onboarding.shown import block
+from nearlift.schedule import read_schedule
 
 
-def block_of(*words: object) -> dict[str, object]:
+def block_of(path: Path) -> dict[str, Any]:
     """The manifest's tables that `inspect` prints."""
-    answer = nearlift("inspect", *words)
-    assert answer.exit_code == 0, answer.output
-    return tomllib.loads(answer.stdout.split("\n\n", 1)[1])
+    return tomllib.loads(block(inspect(path)))
 
 
 def table(distance: str, throttle: str, lift: str, more: str = "") -> bytes:
@@ -56,14 +58,14 @@ def table(distance: str, throttle: str, lift: str, more: str = "") -> bytes:
 )
 def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, unit: str) -> None:
     content = table("Height (mm)", "Throttle (%)", heading, "Std dev (g)")
-    path = written.put(tmp_path, "t.csv", content)
-    found = block_of(path)
-    assert found["records"] == {"reader": "means"}
-    assert found["trials"]["units"]["lift"] == unit
-    assert found["trials"]["units"]["lift_sd"] == "gf"
-    assert nearlift("new", tmp_path / "c", "--from", path).exit_code == 0
-    header = (tmp_path / "c" / "trials.csv").read_text().splitlines()[0]
-    assert header == "trial,distance,throttle,lift,lift_sd"
+    seen = inspect(written.put(tmp_path, "t.csv", content))
+    tables = tomllib.loads(block(seen))
+    assert tables["records"] == {"reader": "means"}
+    assert tables["trials"]["units"]["lift"] == unit
+    assert tables["trials"]["units"]["lift_sd"] == "gf"
+    assert seen.table is not None
+    columns = seen.table.schedule(means=True).trials.columns.to_list()
+    assert columns == ["trial", "distance", "throttle", "lift", "lift_sd"]
 
 
 @pytest.mark.parametrize(
@@ -81,24 +83,20 @@ def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, uni
 def test_distance_and_throttle_as_tables_call_them(
     tmp_path: Path, distance: str, throttle: str, units: dict[str, str]
 ) -> None:
-    path = written.put(tmp_path, "t.csv", table(distance, throttle, "F [N]"))
-    found = block_of(path)
-    assert found["records"] == {"reader": "means"}
-    assert {k: found["trials"]["units"][k] for k in units} == units
+    tables = block_of(written.put(tmp_path, "t.csv", table(distance, throttle, "F [N]")))
+    assert tables["records"] == {"reader": "means"}
+    assert {k: tables["trials"]["units"][k] for k in units} == units
 
 
-def test_a_maximum_next_to_a_mean_is_no_lift_and_two_cells_are_no_table_of_means(
-    tmp_path: Path,
-) -> None:
+def test_a_maximum_is_no_lift_and_two_cells_are_no_table_of_means(tmp_path: Path) -> None:
     lines = table("h_mm", "thr_pct", "Max thrust (g)", "Mean thrust (g)")
-    assert block_of(written.put(tmp_path, "a.csv", lines))["records"] == {"reader": "means"}
-    made = nearlift("new", tmp_path / "c", "--from", tmp_path / "a.csv")
-    assert made.exit_code == 0
-    assert (tmp_path / "c" / "trials.csv").read_text().splitlines()[1].endswith(
-        ",180.00,1.5"
-    ) is False
+    means = inspect(written.put(tmp_path, "a.csv", lines)).table
+    assert means is not None
+    assert means.means
+    assert means.written["lift"] == "Mean thrust (g)"
     both = table("h_mm", "thr_pct", "left (N)", "right (N)")
-    assert block_of(written.put(tmp_path, "b.csv", both)).get("records") != {"reader": "means"}
+    two = inspect(written.put(tmp_path, "b.csv", both)).table
+    assert two is None or not two.means
 
 
 def test_a_record_in_steps_that_logs_its_distance_is_no_table_of_means(tmp_path: Path) -> None:
@@ -110,19 +108,15 @@ def test_a_record_in_steps_that_logs_its_distance_is_no_table_of_means(tmp_path:
 def test_distances_in_rotor_radii_are_read_as_such(tmp_path: Path) -> None:
     root = small_run.write_means(tmp_path / "raw", 24)
     text = (root / "campaign.toml").read_text()
-    rows = (root / "trials.csv").read_text().splitlines()
-    place = rows[0].split(",").index("distance")
-    cells = [row.split(",") for row in rows[1:]]
+    before = read_schedule(manifests.load(root), root).z_hat
+    header, *rows = (root / "trials.csv").read_text().splitlines()
+    place = header.split(",").index("distance")
+    cells = [row.split(",") for row in rows]
     for row in cells:
         row[place] = f"{float(row[place]) / 23:.6f}"
-    (root / "trials.csv").write_text("\n".join([rows[0], *map(",".join, cells)]) + "\n")
+    (root / "trials.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
     (root / "campaign.toml").write_text(text.replace('distance = "mm"', 'distance = "R"'))
-    from nearlift.campaign import manifest as manifests
-    from nearlift.schedule import read_schedule
-
-    schedule = read_schedule(manifests.load(root), root)
-    expected = [float(row[place]) for row in cells]
-    assert schedule.z_hat == pytest.approx(expected, rel=1e-5)
+    assert read_schedule(manifests.load(root), root).z_hat == pytest.approx(before, rel=1e-5)
 
 
 STACKED = "h_mm,T_g\n20,300\n30,280\n60,250\n\nh_mm,T_g\n20,410\n30,390\n60,350\n"
@@ -134,6 +128,6 @@ DASHES = "h_mm,-,T_g,-\n20,1,300,1\n30,1,280,1\n60,1,250,1\n"
     ("text", "said"),
     [(STACKED, "holds 2 tables"), (ASIDE, "two tables side by side"), (DASHES, "side by side")],
 )
-def test_several_tables_in_one_file_are_said(tmp_path: Path, text: str, said: str) -> None:
+def test_several_tables_in_one_file_are_told(tmp_path: Path, text: str, said: str) -> None:
     answer = nearlift("inspect", written.put(tmp_path, "a.csv", text.encode()))
     assert (answer.exit_code, said in answer.stderr) == (4, True), answer.stderr

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import Result
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.unit import small_run
@@ -295,10 +293,6 @@ trials = { file = "records.csv", units = { distance = "mm" } }
 KEYS = 'segments = { by = "throttle", unit = "percent", settle = "1 s", shortest = "2 s" }\n'
 
 
-def inspected(*words: object) -> Result:
-    return small_run.nearlift("inspect", *words)
-
-
 def test_the_cuts_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
     folder = write(tmp_path / "raw", (2.0,))
     told = small_run.nearlift("inspect", "--cuts", folder, "--out", tmp_path)
@@ -319,21 +313,6 @@ def test_the_cuts_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
     picture = tmp_path / "reports" / "sweeps" / "segments.png"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert not (tmp_path / "processed").exists()
-
-
-def test_the_cuts_of_one_file_are_those_of_its_campaign(tmp_path: Path) -> None:
-    folder = write(tmp_path / "raw", (2.0, 3.0))
-    (folder / "campaign.toml").write_text(MANIFEST + KEYS)
-    whole = json.loads(inspected("--cuts", folder, "--out", tmp_path, "--json").stdout)
-    assert [r["record"] for r in whole["records"]] == ["r0", "r1"]
-    one = inspected("--cuts", folder / "sweeps" / "r1.csv", "--out", tmp_path, "--json")
-    assert json.loads(one.stdout) == {**whole, "records": whole["records"][1:]}
-    for other, text in (
-        (folder / "records.csv", "is no record of"),
-        (tmp_path / "lost.csv", "belongs to no campaign"),
-    ):
-        refused = inspected("--cuts", other, "--out", tmp_path)
-        assert (refused.exit_code, text in refused.stderr) == (2, True)
 
 
 # ---- refused

@@ -2,53 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 from nearlift import readers
 from nearlift.campaign import manifest as manifests
-from nearlift.errors import ManifestError, UsageError
+from nearlift.errors import ManifestError
 from nearlift.readers import segments
 from nearlift.readers.files import per_trial
 from nearlift.readers.segments import Segmented
 from nearlift.schedule import read_schedule
 
-MANIFEST, PICTURE = "campaign.toml", "segments.png"
 
+def cuts(campaign: Path, out: Path) -> tuple[dict[str, Any], str]:
+    """Cuts of a campaign's records, as JSON and as text.
 
-def answers(paths: Sequence[Path], out: Path) -> list[tuple[dict[str, Any], str]]:
-    """Cuts of each campaign, and of each file as a record of its campaign: as JSON and as text."""
-    wanted: dict[Path, list[Path]] = {}
-    for path in paths:
-        if path.is_dir():
-            wanted.setdefault(path, [])
-        else:
-            wanted.setdefault(campaign_of(path), []).append(path)
-    return [cuts(campaign, out, files) for campaign, files in wanted.items()]
-
-
-def campaign_of(path: Path) -> Path:
-    """Folder above a file that holds its campaign's manifest; `UsageError` if none does."""
-    for folder in path.absolute().parents:
-        if (folder / MANIFEST).is_file():
-            return folder
-    raise UsageError(
-        str(path), "belongs to no campaign", f"put it in a folder with a {MANIFEST} that lists it"
-    )
-
-
-def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[str, Any], str]:
-    """Cut the records of a campaign, or only these files of it, and draw the first ones.
-
-    They are drawn to reports/<name>/segments.png under `out`.
-
-    Raises
-    ------
-    ManifestError
-        The manifest has no [segments].
-    UsageError
-        A file is no record of the campaign.
+    The first records are drawn to reports/<name>/segments.png under `out`. `ManifestError` if the
+    manifest has no [segments].
     """
     from nearlift.report.figures.cuts import picture
 
@@ -56,28 +26,17 @@ def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[
     rate = given.load_cell.sample_rate
     if given.segments is None or rate is None:
         raise ManifestError(
-            str(campaign / MANIFEST),
+            str(campaign / "campaign.toml"),
             "has no [segments]: every record is one trial",
             "where a record holds many trials, add [segments] with by, settle and shortest",
         )
     reader = readers.reader(given.records.reader)
     segments.cutting(reader).checked_dialect(given.records.dialect)
     pieces = per_trial(given, campaign, read_schedule(given, campaign).trial.tolist())
-    paths = {record: path for record, (path, _) in pieces.items()}
-    known = {path.resolve(): record for record, path in paths.items()}
-    for file in files:
-        if file.resolve() not in known:
-            raise UsageError(
-                str(file),
-                f"is no record of {campaign}",
-                f"list it in {given.trials.file}, or check [records] files",
-            )
-    if files:
-        paths = {known[file.resolve()]: file for file in files}
     records = [
-        segments.read(given, campaign, reader, record, path) for record, path in paths.items()
+        segments.read(given, campaign, reader, record, path) for record, (path, _) in pieces.items()
     ]
-    place = out / "reports" / given.name / PICTURE
+    place = out / "reports" / given.name / "segments.png"
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(picture(records, rate))
     contents = [_content(record, rate) for record in records]

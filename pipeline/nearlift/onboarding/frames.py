@@ -26,6 +26,12 @@ INSIDE = {k.inside: (k.name, units.SI.get(k.dimension, "")) for k in KNOWN} | {
     "throttle": ("throttle", "fraction"),
     "humidity": ("humidity", "fraction"),
 }
+#: Rig of a table: distances are from the boundary to the rotor plane; gravity only enters flights.
+RIG = {
+    "distance_datum": "rotor plane",
+    "distance_offset": "0 mm",
+    "gravity": "9.80665 m/s^2",
+}
 
 
 def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
@@ -36,29 +42,20 @@ def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
     UsageError
         A needed column is missing, or a unit is not known.
     """
-    columns = {
-        column: INSIDE.get(column) or _with_unit(column)
-        for column in map(str, frame.columns)
-        if column in INSIDE or column not in OF_TRIALS
-    }
+    usable = [c for c in map(str, frame.columns) if c in INSIDE or c not in OF_TRIALS]
+    columns = {column: INSIDE.get(column) or _with_unit(column) for column in usable}
     if "z_hat" in frame and "distance" not in {name for name, _ in columns.values()}:
         columns["z_hat"] = ("distance", RADII)
-    named = {name for name, _ in columns.values()}
-    for name, example in NEEDED.items():
-        if name not in named:
-            raise UsageError(
-                "trials",
-                f"there is no column of the {name}",
-                did_you_mean(example, list(map(str, frame.columns))) or f"name it {example!r}",
-            )
+    for name in NEEDED.keys() - {name for name, _ in columns.values()}:
+        example = NEEDED[name]
+        remedy = did_you_mean(example, list(map(str, frame.columns))) or f"name it {example!r}"
+        raise UsageError("trials", f"there is no column of the {name}", remedy)
     return columns
 
 
 def _with_unit(column: str) -> tuple[str, str]:
     """Name and unit of a column such as ``z_mm`` or ``lift_sd_gf``; others keep their name."""
-    name, unit = headings.named(column)
-    if not unit:
-        name, _, unit = column.rpartition("_")
+    name, _, unit = column.rpartition("_")
     known = BY_NAME.get("distance" if name == "z" else name)
     if known is None or not known.dimension:
         return column, ""
@@ -73,17 +70,16 @@ def _with_unit(column: str) -> tuple[str, str]:
 def write_campaign(
     folder: Path,
     frame: pd.DataFrame,
-    columns: Mapping[str, tuple[str, str]],
-    name: str,
     vehicle: Mapping[str, object],
     held: str,
-    sections: Mapping[str, Mapping[str, object]],
+    sections: Mapping[str, Mapping[str, Any]],
 ) -> Path:
     """Write campaign.toml and trials.csv for a frame of trials; returns the campaign's folder.
 
     ``u_lift_N`` and `n` become the standard deviation of `n` samples. Trials with a rejecting
-    quality code are left out. Distances are from the boundary to the rotor plane.
+    quality code are left out. `UsageError` as of `columns_of`.
     """
+    columns = columns_of(frame)
     if "quality" in frame:
         frame = frame[~quality.rejected(frame["quality"].fillna("").to_numpy(dtype=object))]
     table = frame[list(columns)].rename(columns={c: n for c, (n, _) in columns.items()})
@@ -96,15 +92,9 @@ def write_campaign(
     table["distance"] = table["distance"].where(np.isfinite(table["distance"].astype(float)))
     document: dict[str, Any] = {
         "schema": "nearlift.campaign/1",
-        "name": name,
+        "name": vehicle["name"],
         "vehicle": {key: value for key, value in vehicle.items() if value is not None},
-        # gravity only enters simulated flights
-        "rig": {
-            "held": held,
-            "distance_datum": "rotor plane",
-            "distance_offset": "0 mm",
-            "gravity": "9.80665 m/s^2",
-        },
+        "rig": {"held": held, **RIG},
         "records": {"reader": "means"},
         "trials": {"units": units_of},
     }

@@ -13,28 +13,6 @@ from nearlift.flow.field import on_grid
 from nearlift.readers.base import Channel, Contents
 from nearlift.readers.piv import PIXEL, Setting, claimed_by, raws
 
-TEMPLATE = """\
-[piv]
-format   = "FILL IN"
-control  = "free"                      # the case far from every boundary
-length_unit   = "FILL IN"              # mm | m | px: the files do not say
-velocity_unit = "FILL IN"              # m/s | px/frame: the files do not say
-scale      = "FILL IN um/px"           # only where lengths are in pixels
-frame_time = "FILL IN us"              # only where the files hold displacements
-thrust   = "FILL IN"                   # its direction in the files: +x | -x | +y | -y
-origin   = ["FILL IN mm", "FILL IN mm"]   # in the files: midway between the rotors
-rotors   = ["FILL IN mm", "FILL IN mm"]   # axes in the light sheet, from there
-[[piv.case]]
-name     = "free"
-boundary = "none"
-files    = "piv/free/*"
-[[piv.case]]
-name     = "ground-1"
-boundary = "ground"                    # ground | ceiling
-z_hat    = "FILL IN"                   # a number: distance over rotor radius
-files    = "piv/ground-1/*"
-"""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grid:
@@ -54,9 +32,9 @@ def grid_of(path: Path) -> Grid | None:
     except (InputRefused, StopIteration):
         return None
     length, speed = raw.stated.length_unit or "", raw.stated.velocity_unit or ""
-    columns = (("x", length, raw.x), ("y", length, raw.y), ("u", speed, raw.u), ("v", speed, raw.v))
+    columns = {"x": (length, raw.x), "y": (length, raw.y), "u": (speed, raw.u), "v": (speed, raw.v)}
     contents = Contents(
-        channels=tuple(Channel(name=n, unit=unit, values=v) for n, unit, v in columns),
+        channels=tuple(Channel(name=n, unit=unit, values=v) for n, (unit, v) in columns.items()),
         kind=f"velocity grid, {dialect.title}",
         notes=(f"{len(across)} x {len(up)} nodes: no record of force",),
     )
@@ -74,7 +52,7 @@ def _section(form: str, stated: Setting, suffix: str) -> str:
         "scale": stated.scale_m is not None or not (length is None or length in PIXEL),
         "frame_time": stated.frame_time_s is not None or not in_frames,
     }
-    doc = tomlkit.parse(TEMPLATE)
+    doc = tomlkit.parse(Path(__file__).with_name("piv.toml").read_text(encoding="utf-8"))
     piv: Any = doc["piv"]
     piv["format"] = form
     for key in (key for key, is_known in known.items() if is_known):

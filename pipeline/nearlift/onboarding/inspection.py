@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -78,13 +78,13 @@ class Inspection:
     @functools.cached_property
     def further(self) -> Mapping[str, tuple[Channel, str]]:
         """Channels that are covariates of a schedule, with their unit, by its columns' names."""
-        unused: dict[str, tuple[Channel, str]] = {}
+        covariates: dict[str, tuple[Channel, str]] = {}
         for c in self.contents.channels:
             stated = f"{headings.named(c.name)[0]} ({c.unit})" if c.unit else c.name
             name, unit = headings.schedule_column(stated)
             if name in COVARIATES and unit and np.isfinite(c.values).all():
-                unused.setdefault(name, (c, unit))
-        return unused
+                covariates.setdefault(name, (c, unit))
+        return covariates
 
     @property
     def means(self) -> Mapping[str, float]:
@@ -92,9 +92,48 @@ class Inspection:
         n = 0 if self.force is None else len(self.force.values)
         first = 0 if self.start is None else self.start.steady_from
         return {
-            name: float(np.mean(c.values[first:] if len(c.values) == n else c.values))
+            name: float(np.mean(c.values[first if len(c.values) == n else 0 :]))
             for name, (c, _) in self.further.items()
         }
+
+    @property
+    def rows_per_stamp(self) -> int:
+        """Number of rows that share each time of the clock; 1 where each has its own."""
+        times = np.empty(0) if self.clock is None else self.clock.values
+        times = times[np.isfinite(times)]
+        changes = np.flatnonzero(np.diff(times))
+        each = int(changes[0]) + 1 if len(changes) else 1
+        if each < 2 or len(times) < 2 * each:
+            return 1
+        groups = times[: len(times) // each * each].reshape(-1, each)
+        return each if (groups == groups[:, :1]).mean() > 0.9 else 1
+
+    @property
+    def shared_stamps(self) -> str:
+        """Remark on a clock with several rows to each stamp; empty where each has its own."""
+        clock, rows = self.clock, self.rows_per_stamp
+        if clock is None or rows < 2:
+            return ""
+        numbers = [c.name for c in self.contents.channels if _numbers(c, clock, rows)]
+        if not numbers and (clock.values % 1 == 0).all():
+            step = clock.values[rows] - clock.values[rows - 1]
+            coarse = (
+                f"{clock.name!r} has {rows} rows to each {step:g} {clock.unit}: it is too coarse"
+            )
+            return f"{coarse} for a clock of the samples; state their rate"
+        said = f"{numbers[0]!r} numbers them" if numbers else "no column numbers them"
+        return (
+            f"each time of {clock.name!r} has {rows} rows: {rows} sensors in one file, and {said};"
+            " keep the rows of one sensor, as a file of its own"
+        )
+
+
+def _numbers(channel: Channel, clock: Channel, rows: int) -> bool:
+    """Whether a channel numbers the rows of each stamp."""
+    values = channel.values
+    if channel.name == clock.name or len(values) != len(clock.values):
+        return False
+    return len({*values[: 4 * rows]}) == rows and bool((values[rows:] == values[:-rows]).all())
 
 
 def inspect(
@@ -109,18 +148,12 @@ def inspect(
     ManifestError
         The dialect has a key that the file's format does not know.
     """
-    _refuse_empty(path)
+    _require_content(path)
     if not (dialect or record) and (grid := grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, grid=grid)
     reader = _reader_of(path)
     contents, stated, unnamed = _read(reader, path, dict(dialect or {}))
-    channels = [
-        c if c.unit else replace(c, unit=headings.named(c.name)[1]) for c in contents.channels
-    ]
-    channels = [
-        replace(c, unit=headings.stamp_unit(c)) if not c.unit and headings.is_clock(c.name) else c
-        for c in channels
-    ]
+    channels = [_with_unit(c) for c in contents.channels]
     clock = headings.likely_clock(channels, headings.force_channel(channels))
     if all(c.rate_Hz is None for c in channels):
         channels = [replace(c, rate_Hz=headings.clock_rate(clock)) for c in channels]
@@ -131,11 +164,7 @@ def inspect(
     return Inspection(
         path=path,
         reader=reader.name,
-        contents=replace(
-            contents,
-            channels=tuple(channels),
-            notes=(*contents.notes, *_shared_stamps(channels, clock)),
-        ),
+        contents=replace(contents, channels=tuple(channels)),
         force=force,
         clock=clock,
         dialect=stated,
@@ -144,17 +173,28 @@ def inspect(
     )
 
 
-def _refuse_empty(path: Path) -> None:
+def _with_unit(channel: Channel) -> Channel:
+    """The channel with the unit that its name, or a clock's size, states."""
+    unit = channel.unit or headings.named(channel.name)[1]
+    if not unit and headings.is_clock(channel.name):
+        unit = headings.stamp_unit(channel)
+    return replace(channel, unit=unit)
+
+
+def _require_content(path: Path) -> None:
     """Refuse anything but a plain file with content."""
     if not path.exists():
-        raise InputRefused(str(path), "is missing", "name a file that an instrument wrote")
-    if not path.is_file():
-        remedy = "a record is a plain file, no folder, pipe or device"
-        if path.is_dir():
-            remedy = "name a file in it; `nearlift new DIR --from FOLDER` takes them all"
-        raise InputRefused(str(path), "is not a regular file", remedy)
-    if path.stat().st_size == 0:
-        raise InputRefused(str(path), "is empty", "it was never written, or the disk was full")
+        what, remedy = "is missing", "name a file that an instrument wrote"
+    elif path.is_dir():
+        what = "is not a regular file"
+        remedy = "name a file in it; `nearlift new DIR --from FOLDER` takes them all"
+    elif not path.is_file():
+        what, remedy = "is not a regular file", "a record is a plain file, no pipe or device"
+    elif path.stat().st_size == 0:
+        what, remedy = "is empty", "it was never written, or the disk was full"
+    else:
+        return
+    raise InputRefused(str(path), what, remedy)
 
 
 def _reader_of(path: Path) -> Reader:
@@ -176,24 +216,26 @@ def _read(
     reader: Reader, path: Path, stated: dict[str, object]
 ) -> tuple[Contents, dict[str, object], bool]:
     """Channels of a file, the dialect that reads it, and whether its columns had no names."""
+    unnamed = False
     try:
-        contents = reader.open(path, reader.checked_dialect(stated))
+        try:
+            contents = reader.open(path, reader.checked_dialect(stated))
+        except NoNames as refusal:
+            if tables.several(path, stated) is not None:
+                raise
+            # the file is read by the names that are proposed
+            unnamed = True
+            stated = {**stated, "columns": [f"column {i + 1}" for i in range(refusal.columns)]}
+            contents = reader.open(path, reader.checked_dialect(stated))
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "copy it again from the rig") from None
-    except NoNames as refusal:
-        if (refused := tables.several(path, stated)) is not None:
-            raise refused from None
-        # the file is read by the names that are proposed
-        columns = [f"column {i + 1}" for i in range(refusal.columns)]
-        contents, stated, _ = _read(reader, path, {**stated, "columns": columns})
-        return contents, stated, True
     except InputRefused as refusal:
         raise (tables.several(path, stated) if reader is TEXT else None) or refusal from None
     if not contents.channels:
         raise InputRefused(
             str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
         )
-    return contents, stated, False
+    return contents, stated, unnamed
 
 
 def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
@@ -205,39 +247,4 @@ def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
         return False
     return read.keys() == wanted.keys() and all(
         np.array_equal(read[name], wanted[name], equal_nan=True) for name in wanted
-    )
-
-
-def rows_per_stamp(clock: Channel) -> int:
-    """Number of rows that share each time of a clock; 1 where each has its own."""
-    times = clock.values[np.isfinite(clock.values)]
-    changes = np.flatnonzero(np.diff(times))
-    each = int(changes[0]) + 1 if len(changes) else 1
-    if each < 2 or len(times) < 2 * each:
-        return 1
-    groups = times[: len(times) // each * each].reshape(-1, each)
-    return each if (groups == groups[:, :1]).mean() > 0.9 else 1
-
-
-def _shared_stamps(channels: Sequence[Channel], clock: Channel | None) -> list[str]:
-    """Note on a clock with several rows to each stamp: rows of several sensors."""
-    if clock is None or (rows := rows_per_stamp(clock)) < 2:
-        return []
-    if (clock.values % 1 == 0).all() and not any(_numbers(c, clock, rows) for c in channels):
-        step = clock.values[rows] - clock.values[rows - 1]
-        coarse = f"{clock.name!r} has {rows} rows to each {step:g} {clock.unit}: it is too coarse"
-        return [f"{coarse} for a clock of the samples; state their rate"]
-    by = [f"{c.name!r} numbers them" for c in channels if _numbers(c, clock, rows)]
-    sensors = f"each time of {clock.name!r} has {rows} rows: {rows} sensors in one file"
-    parted = by[0] if by else "no column numbers them"
-    return [f"{sensors}, and {parted}; keep the rows of one sensor, as a file of its own"]
-
-
-def _numbers(channel: Channel, clock: Channel, rows: int) -> bool:
-    """Whether a channel numbers the rows of each stamp."""
-    values = channel.values
-    if channel.name == clock.name or len(values) != len(clock.values):
-        return False
-    return len({*values[: 4 * rows].tolist()}) == rows and bool(
-        (values[rows:] == values[:-rows]).all()
     )

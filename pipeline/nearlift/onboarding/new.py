@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import pandas as pd
-import tomlkit
 from tomlkit import TOMLDocument
 
 from nearlift.campaign.manifest import BLANK
@@ -26,6 +25,7 @@ from nearlift.run import tables
 COLUMNS = ["trial", "boundary", "distance", "throttle"]
 #: Suffixes and first letters of files in a folder that are no records.
 NO_RECORDS, NO_RECORD = (".md", ".pdf", ".png", ".jpg", ".docx", ".py", ".m", ".toml"), "readme"
+KEPT = "name a new folder; nothing is ever overwritten"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,13 +41,12 @@ def write_template(folder: Path) -> Made:
     """Write campaign.toml, trials.csv and an empty trials/ into a new folder."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         what = "is not empty" if folder.is_dir() else "is a file"
-        raise UsageError(str(folder), what, "name a new folder; nothing is ever overwritten")
+        raise UsageError(str(folder), what, KEPT)
     (folder / "trials").mkdir(parents=True)
-    whole, records = proposal.template(), tomlkit.document()
-    records["load_cell"], records["records"] = whole["load_cell"], whole["records"]
-    schedule = ProposedSchedule(
-        trials=pd.DataFrame(columns=COLUMNS), units={"distance": "", "throttle": ""}
-    )
+    records = proposal.template()
+    for key in records.keys() - {"load_cell", "records"}:
+        del records[key]
+    schedule = _blank(COLUMNS, [])
     made = _write(folder, records, schedule, ["trials.csv: a line for each trial"])
     return replace(made, written=(*made.written, folder / "trials"))
 
@@ -72,10 +71,13 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     notes: list[str] = []
     files = [f for path in files for f in (_within(path, notes) if path.is_dir() else (path,))]
     listing = folder / "trials.csv"
-    has_listing = listing.exists() and listing not in files
-    paths, table = _parted([*files, listing] if has_listing else files, dialect or {})
-    if has_listing and listing in paths:
-        _refuse_existing(listing)
+    if listing.exists() and listing not in files:
+        files.append(listing)
+        paths, table = _parted(files, dialect or {})
+        if listing in paths:
+            _refuse_existing(listing)
+    else:
+        paths, table = _parted(files, dialect or {})
     inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(paths)]
     first = inspected[0]
     if first.grid is not None:
@@ -86,8 +88,8 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
             " manifest of a campaign of forces",
         )
     if len(inspected) == 1 and first.table is not None and first.table.means:
-        means = first.table.schedule(first.table.row_ids(), means=True)
-        return replace(_write(folder, proposal.for_means(), means, ()), notes=tuple(notes))
+        made = _write(folder, proposal.for_means(), first.table.schedule(means=True), ())
+        return replace(made, notes=tuple(notes))
     if listing in paths:
         raise UsageError(
             str(listing),
@@ -135,9 +137,7 @@ def slug(folder: Path) -> str:
 
 def _refuse_existing(path: Path) -> None:
     if path.exists():
-        raise UsageError(
-            str(path), "is there already", "name a new folder; nothing is ever overwritten"
-        )
+        raise UsageError(str(path), "is there already", KEPT)
 
 
 # ---- files
@@ -146,17 +146,15 @@ def _refuse_existing(path: Path) -> None:
 def _within(folder: Path, notes: list[str]) -> list[Path]:
     """Plain files of a folder that may be records; the others are noted."""
     files = sorted(f for f in folder.iterdir() if f.is_file() and not f.name.startswith("."))
-    taken = [
-        f
-        for f in files
-        if f.suffix.lower() not in NO_RECORDS and not f.name.lower().startswith(NO_RECORD)
+    other = [
+        f for f in files if f.suffix.lower() in NO_RECORDS or f.name.lower().startswith(NO_RECORD)
     ]
-    if other := [f.name for f in files if f not in taken]:
-        notes.append(f"not taken as records: {', '.join(other)}")
-    if not taken:
+    if other:
+        notes.append(f"not taken as records: {', '.join(f.name for f in other)}")
+    if len(other) == len(files):
         remedy = "name the folder that the records are in, or the records"
         raise UsageError(str(folder), "holds no files", remedy)
-    return taken
+    return [f for f in files if f not in other]
 
 
 def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path], InputTable | None]:
@@ -194,35 +192,31 @@ def _places(
     folder: Path, inspected: Sequence[Inspection]
 ) -> tuple[str, list[str], dict[Path, Path]]:
     """Manifest's pattern of the files, their trials, and the copies to make."""
-    root, paths = folder.resolve(), [f.path for f in inspected]
-    inside = all(path.resolve().is_relative_to(root) for path in paths)
-    long = inspected[0].reader == parquet.READER.name
-    copied = "" if long else "trials/"
-    targets = [
-        path.resolve().relative_to(root).as_posix() if inside else f"{copied}{path.name}"
-        for path in paths
+    root, paths = folder.resolve(), [f.path.resolve() for f in inspected]
+    inside = all(path.is_relative_to(root) for path in paths)
+    is_long = inspected[0].reader == parquet.READER.name
+    copied = PurePosixPath("." if is_long else "trials")
+    places = [
+        PurePosixPath(path.relative_to(root)) if inside else copied / path.name for path in paths
     ]
-    if len({t.casefold() for t in targets}) != len(targets):
+    if len({str(place).casefold() for place in places}) != len(places):
         raise UsageError(
             "--from", "two files have one name, or differ only in case", "rename one of them"
         )
-    copies = {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)}
-    if long:
-        return targets[0], parquet.trials(paths[0]), copies
-    name = PurePosixPath(targets[0]).name
-    before, after = targets[0].removesuffix(name), name.removeprefix(trial_of(name))
-    trials = [target.removeprefix(before).removesuffix(after) for target in targets]
-    if any(
-        "/" in trial or f"{before}{trial}{after}" != target
-        for trial, target in zip(trials, targets, strict=True)
-    ):
+    copies = {} if inside else {folder / to: path for to, path in zip(places, paths, strict=True)}
+    if is_long:
+        return str(places[0]), parquet.trials(paths[0]), copies
+    trials = [trial_of(place.name) for place in places]
+    kinds = {(p.parent, p.name.removeprefix(t)) for p, t in zip(places, trials, strict=True)}
+    if len(kinds) > 1:
         raise UsageError(
             "--from",
             "the files lie in different folders, or have different suffixes",
             "put them into one folder",
         )
-    mark = "record" if proposal.are_swept(inspected) else "trial"
-    return f"{before}{{{mark}}}{after}", trials, copies
+    parent, suffix = kinds.pop()
+    mark = "{record}" if proposal.are_swept(inspected) else "{trial}"
+    return str(parent / f"{mark}{suffix}"), trials, copies
 
 
 def trial_of(name: str) -> str:
@@ -234,6 +228,15 @@ def trial_of(name: str) -> str:
 # ---- the schedule
 
 
+def _blank(header: list[str], trials: Sequence[str]) -> ProposedSchedule:
+    """Schedule of these trials, with all other cells to fill in."""
+    blank = pd.DataFrame(BLANK, index=range(len(trials)), columns=header)
+    settings = [name for name in header if name in ("distance", "throttle")]
+    return ProposedSchedule(
+        trials=blank.assign(**{header[0]: trials}), units=dict.fromkeys(settings, "")
+    )
+
+
 def _schedule(
     inspected: Sequence[Inspection], trials: Sequence[str], table: InputTable | None
 ) -> tuple[ProposedSchedule, list[str]]:
@@ -241,15 +244,15 @@ def _schedule(
     swept = proposal.are_swept(inspected)
     more: list[str] = []
     if table is not None:
-        schedule = table.schedule(table.ids(trials) or list(trials), means=False, of_records=swept)
-    else:
-        header = ["record", *COLUMNS[1:3]] if swept else COLUMNS
-        blank = pd.DataFrame(BLANK, index=range(len(trials)), columns=header)
-        schedule = ProposedSchedule(
-            trials=blank.assign(**{header[0]: trials}), units=dict.fromkeys(header[2:], "")
+        schedule = table.schedule(
+            table.ids(trials) or trials, header="record" if swept else "trial"
         )
-        what = "boundary and distance" if swept else "boundary, distance and throttle"
-        more = [f"trials.csv: {what} of {len(trials)} {'records' if swept else 'trials'}"]
+    elif swept:
+        schedule = _blank(["record", "boundary", "distance"], trials)
+        more = [f"trials.csv: boundary and distance of {len(trials)} records"]
+    else:
+        schedule = _blank(COLUMNS, trials)
+        more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
     if swept or len(inspected) != len(trials):
         return schedule, more
     # further channels of the records become columns, unless the table has them

@@ -16,7 +16,7 @@ from tomlkit.items import InlineTable
 from nearlift import units
 from nearlift.campaign.manifest import BLANK
 from nearlift.onboarding import headings
-from nearlift.onboarding.inspection import Inspection, rows_per_stamp
+from nearlift.onboarding.inspection import Inspection
 from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
 from nearlift.readers.base import AS_FORCE, FORCE_UNITS
@@ -40,8 +40,7 @@ def document(name: str, tables: TOMLDocument) -> str:
     whole["name"] = name
     for key in ("load_cell", "records", "trials"):
         del whole[key]
-    for key, table in tables.items():
-        whole[key] = table
+    whole.update(tables)
     choices = (HERE / "choices.toml").read_text(encoding="utf-8")
     return f"{tomlkit.dumps(whole).rstrip()}\n\n{choices}"
 
@@ -76,75 +75,75 @@ def for_records(
     load_cell: Any = whole["load_cell"]
     doc["load_cell"], doc["records"] = load_cell, whole["records"]
     _state_rate(load_cell, first)
-    if are_swept(inspected):
-        del load_cell["settle"]
-    else:
-        _state_head(load_cell, inspected)
     if not cell:
         del load_cell["accuracy"]
     _fill_records(doc["records"], first, files)
-    if first.ramp is not None and are_swept(inspected):
-        for key, table in tomlkit.parse(first.ramp.segments).items():
-            doc[key] = table
-        cut: Any = doc["segments"]
-        for name, (channel, unit) in first.further.items():
-            brought = cut.setdefault("columns", tomlkit.table())
-            brought.setdefault(name, _inline({"column": channel.name, "unit": unit}))
+    if first.ramp is None or not are_swept(inspected):
+        _state_head(load_cell, inspected)
+        return doc
+    del load_cell["settle"]
+    doc.update(tomlkit.parse(first.ramp.segments))
+    cut: Any = doc["segments"]
+    for name, (channel, unit) in first.further.items():
+        brought = cut.setdefault("columns", tomlkit.table())
+        brought.setdefault(name, _inline({"column": channel.name, "unit": unit}))
     return doc
 
 
-def _state_rate(table: Any, first: Inspection) -> None:
+def _state_rate(load_cell: Any, first: Inspection) -> None:
     """State the sample rate, or ask for it."""
     rates = {c.rate_Hz for c in ([first.force] if first.force else first.contents.channels)}
-    if len(rates) == 1 and not first.doubt and (rate := next(iter(rates))):
-        _set(table, "sample_rate", f"{rate:.6g} Hz")
+    if len(rates) == 1 and not first.doubt and (rate := rates.pop()):
+        _set(load_cell, "sample_rate", f"{rate:.6g} Hz")
         return
     differ = "the channels differ: that of the force"
     why = differ if rates - {None} else "the file does not say"
-    _set(table, "sample_rate", "FILL IN Hz", first.doubt or why)
+    _set(load_cell, "sample_rate", "FILL IN Hz", first.doubt or why)
 
 
-def _state_head(table: Any, inspected: Sequence[Inspection]) -> None:
+def _state_head(load_cell: Any, inspected: Sequence[Inspection]) -> None:
     """State a tare and settling that leave a margin, if most records show a rest head."""
-    starts = [(f.start, f.force.rate_Hz) for f in inspected if f.start and f.force]
+    starts = [
+        (f.start.rest_ends / f.force.rate_Hz, f.start.steady_from / f.force.rate_Hz)
+        for f in inspected
+        if f.start and f.force and f.force.rate_Hz
+    ]
     if 2 * len(starts) <= len(inspected):
         return
-    begins = sorted(s.rest_ends / rate for s, rate in starts if rate)
-    steady = sorted(s.steady_from / rate for s, rate in starts if rate)
-    last = len(begins) - 1
-    early = begins[math.ceil((1 - OF_RECORDS) * last)]
-    late = steady[math.floor(OF_RECORDS * last)]
-    tare = _two_digits(early * (1 - MARGIN), up=False)
-    settle = _two_digits(late - tare + MARGIN * early, up=True)
-    span = f"{begins[0]:.3g}" if begins[0] == begins[-1] else f"{begins[0]:.3g} to {begins[-1]:.3g}"
+    begins, steady = (sorted(ends) for ends in zip(*starts, strict=True))
+    early = float(np.quantile(begins, 1 - OF_RECORDS, method="higher"))
+    late = float(np.quantile(steady, OF_RECORDS, method="lower"))
+    tare = _two_digits(early * (1 - MARGIN), math.floor)
+    settle = _two_digits(late - tare + MARGIN * early, math.ceil)
+    span = " to ".join(f"{s:.3g}" for s in dict.fromkeys((begins[0], begins[-1])))
     records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
-    _set(table, "tare", f"{tare:g} s", f"rotors at rest: they start at {span} s ({records})")
+    _set(load_cell, "tare", f"{tare:g} s", f"rotors at rest: they start at {span} s ({records})")
     words = f"left out after the tare: the lift is steady from {late:.3g} s on"
-    _set(table, "settle", f"{settle:g} s", words)
+    _set(load_cell, "settle", f"{settle:g} s", words)
 
 
-def _two_digits(value: float, *, up: bool) -> float:
+def _two_digits(value: float, rounded: Any) -> float:
     digits = 1 - math.floor(math.log10(value))
-    return float((math.ceil if up else math.floor)(value * 10**digits) / 10**digits)
+    return float(rounded(value * 10**digits) / 10**digits)
 
 
-def _fill_records(table: Any, first: Inspection, files: str | None) -> None:
+def _fill_records(records: Any, first: Inspection, files: str | None) -> None:
     """Fill in reader, files, force, dialect and clock."""
-    _set(table, "reader", first.reader)
+    _set(records, "reader", first.reader)
     mark = "{trial}" if first.ramp is None else "{record}"
     alone = first.path.name if first.reader == "parquet" else f"{mark}{first.path.suffix}"
-    table["files"] = alone if files is None else files
-    _set(table, "force", *_force(first))
+    records["files"] = alone if files is None else files
+    _set(records, "force", *_force(first))
     if first.dialect:
         remark = "the file has no names: FILL IN" if first.unnamed else ""
-        _set(table, "dialect", _inline(first.dialect), remark)
+        _set(records, "dialect", _inline(first.dialect), remark)
     clock = first.clock
     # a clock whose unit is doubtful, or with many rows to each stamp, is left out
-    if clock is None or first.doubt or clock is first.force or rows_per_stamp(clock) > 1:
+    if clock is None or first.doubt or clock is first.force or first.rows_per_stamp > 1:
         return
     seconds = None if clock.unit else headings.clock_rate(replace(clock, unit="s"))
     remark = f"in s the rate is {seconds:.6g} Hz" if seconds else ""
-    _set(table, "time", _inline({"column": clock.name, "unit": clock.unit or BLANK}), remark)
+    _set(records, "time", _inline({"column": clock.name, "unit": clock.unit or BLANK}), remark)
 
 
 def _force(first: Inspection) -> tuple[InlineTable, str]:
@@ -153,12 +152,13 @@ def _force(first: Inspection) -> tuple[InlineTable, str]:
     if force is None:
         names = ", ".join(c.name for c in first.contents.channels[:8])
         return _inline({"column": BLANK, "unit": BLANK, "sign": 1}), f"one of: {names}"
-    unit = AS_FORCE.get(force.unit, force.unit)
-    known = unit == "count" or unit in FORCE_UNITS
-    content: dict[str, object] = {"column": force.name, "unit": unit if known else BLANK, "sign": 1}
+    unit, remarks = AS_FORCE.get(force.unit, force.unit), []
+    content: dict[str, object] = {"column": force.name, "unit": unit, "sign": 1}
     if unit == "count":
         content["calibration"] = {"gain": "FILL IN mN/count", "offset": "FILL IN count"}
-    remarks = [] if known else ["the file does not say the unit"]
+    elif unit not in FORCE_UNITS:
+        content["unit"] = BLANK
+        remarks.append("the file does not say the unit")
     values = force.values[np.isfinite(force.values)]
     # single error codes aside
     low, high = np.quantile(values, [0.05, 0.95]) if len(values) else (0.0, 0.0)
@@ -171,11 +171,11 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
     """[trials] of a schedule; columns that it lacks are constants to fill in."""
     doc = tomlkit.document()
     doc["trials"] = template()["trials"]
-    table: Any = doc["trials"]
+    trials: Any = doc["trials"]
     if not schedule.ordered:
         order = '"run": the rows are in run order; "unknown": a published table'
-        _set(table, "order", BLANK, order)
-    given = table["units"] = tomlkit.table()
+        _set(trials, "order", BLANK, order)
+    given = trials["units"] = tomlkit.table()
     for name, unit in schedule.units.items():
         usual = units.USUAL.get(BY_NAME[name].dimension, (units.SI[BY_NAME[name].dimension],))
         remark = "" if unit else " | ".join(usual)
@@ -185,10 +185,9 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
         given.add(tomlkit.comment(f'lift_sd = "{unit}"     # standard deviation of a lift: needed'))
         given.add(tomlkit.comment("below 45 rows, as a column or as a constant: lift_sd = 0.1"))
     if schedule.lacking:
-        constants = table["constants"] = tomlkit.table()
+        constants = trials["constants"] = tomlkit.table()
         constants.comment("the same for every trial")
-        for name in schedule.lacking:
-            constants[name] = BLANK
+        constants.update(dict.fromkeys(schedule.lacking, BLANK))
     return doc
 
 
@@ -202,6 +201,5 @@ def _set(table: Any, key: str, value: object, comment: str = "") -> None:
 
 def _inline(content: Mapping[str, object]) -> InlineTable:
     made = tomlkit.inline_table()
-    for key, value in content.items():
-        made[key] = _inline(value) if isinstance(value, Mapping) else value
+    made.update({k: _inline(v) if isinstance(v, Mapping) else v for k, v in content.items()})
     return made

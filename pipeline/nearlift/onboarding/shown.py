@@ -5,31 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import tomlkit
 
-from nearlift.declare import FloatArray
 from nearlift.onboarding import proposal
 from nearlift.onboarding.inspection import Inspection
 from nearlift.rounding import bytes_text
 
-#: Signs of a sparkline, from low to high, and its length.
-BARS, WIDTH = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588", 24
 CODES = {
     "truncated": "the file ends within a line or a segment: it is cut off, or still being written",
     "dead_speed": "a rotor's speed reads zero while there is lift",
 }
-
-
-def sparkline(values: FloatArray) -> str:
-    """Means of stretches of a series as bars; a gap where there is no number."""
-    stretches = np.array_split(values, min(WIDTH, len(values))) if len(values) else []
-    known = [part[np.isfinite(part)] for part in stretches]
-    means = [float(part.mean()) if len(part) else None for part in known]
-    low = min((m for m in means if m is not None), default=0.0)
-    span = max((m for m in means if m is not None), default=0.0) - low
-    # a constant is drawn in the middle
-    steps = [None if m is None else (m - low) / span if span > 0 else 0.5 for m in means]
-    return "".join(" " if s is None else BARS[min(int(s * len(BARS)), 7)] for s in steps)
 
 
 def channels(inspected: Inspection) -> list[dict[str, Any]]:
@@ -54,7 +40,7 @@ def notes(inspected: Inspection) -> list[str]:
                 " #NV or the like)"
             )
     remarks += [words for code, words in CODES.items() if code in contents.codes]
-    remarks += [inspected.doubt] if inspected.doubt else []
+    remarks += [inspected.shared_stamps, inspected.doubt]
     if inspected.wraps:
         remarks.append(
             f"the force jumps by {inspected.wraps:.6g} from one sample to the next and stays there:"
@@ -71,7 +57,7 @@ def notes(inspected: Inspection) -> list[str]:
             f"{channel.name!r} may be the {name}: `nearlift new DIR --from FILES` takes it along"
             for name, (channel, _) in inspected.further.items()
         ]
-    return remarks
+    return [remark for remark in remarks if remark]
 
 
 def block(inspected: Inspection) -> str:
@@ -85,24 +71,17 @@ def block(inspected: Inspection) -> str:
     if renamed:
         source = "FILE" if table.means else "RECORDS FILE"
         records += f"# `nearlift new DIR --from {source}` makes trials.csv of it ({renamed})\n"
-    schedule = table.schedule(table.row_ids(), means=table.means)
-    return records + tomlkit.dumps(proposal.for_trials(schedule))
+    return records + tomlkit.dumps(proposal.for_trials(table.schedule(means=table.means)))
 
 
 def described(inspected: Inspection) -> str:
     """Whole answer as text."""
     size = bytes_text(inspected.path.stat().st_size)
-    rows: list[tuple[str, ...]] = [("channel", "unit", "samples", "rate, Hz", "lowest", "highest")]
-    for c in channels(inspected):
-        numbers = (c["rate_Hz"], c["lowest"], c["highest"])
-        shown = ("-" if n is None else f"{n:.6g}" for n in numbers)
-        rows.append((c["name"], c["unit"] or "-", str(c["samples"]), *shown))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    bars = ["", *(sparkline(c.values) for c in inspected.contents.channels)]
-    lines = [f"{inspected.path}: {inspected.contents.kind}, {size}"]
-    for row, bar in zip(rows, bars, strict=True):
-        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        lines.append(f"  {'  '.join(cells)}  {bar}".rstrip())
+    listed = pd.DataFrame(channels(inspected)).replace({"unit": {"": "-"}})
+    listed = listed.astype({"rate_Hz": float, "lowest": float, "highest": float})
+    listed.columns = ["channel", "unit", "samples", "rate, Hz", "lowest", "highest"]
+    table = listed.to_string(index=False, na_rep="-", float_format="{:.6g}".format)
+    lines = [f"{inspected.path}: {inspected.contents.kind}, {size}", table]
     lines += [f"note: {note}" for note in notes(inspected)]
     return "\n".join(lines) + "\n\n" + block(inspected)
 

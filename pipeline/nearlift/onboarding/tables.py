@@ -12,7 +12,7 @@ import pandas as pd
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
 from nearlift.readers import guarded
-from nearlift.readers.base import FORCE_UNITS, RecordsDialect
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect
 from nearlift.readers.files import content_of, is_packed
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
@@ -55,9 +55,10 @@ class InputTable:
     @property
     def lists_trials(self) -> bool:
         """Whether it may be a schedule: it has a distance and another setting, and no clock."""
-        other = {"trial", "boundary", "throttle", "lift"} & self.units.keys()
         clocked = any(map(headings.is_clock, {*self.cells, *self.written.values()}))
-        if "distance" not in self.units or not other or (clocked and "trial" not in self.units):
+        if "distance" not in self.units or (clocked and "trial" not in self.units):
+            return False
+        if self.units.keys().isdisjoint({"trial", "boundary", "throttle", "lift"}):
             return False
         # in a record one setting lasts for many samples
         settings = self.cells.reindex(columns=["boundary", "distance", "throttle"], fill_value="")
@@ -77,42 +78,35 @@ class InputTable:
                     return candidate.to_list()
         return None
 
-    def row_ids(self) -> list[str]:
-        """Trial of every row, from the column of that name, else counted."""
-        if "trial" in self.units and self.cells["trial"].is_unique and all(self.cells["trial"]):
-            return self.cells["trial"].to_list()
-        return [str(i) for i in range(1, len(self.cells) + 1)]
-
-    def schedule(self, ids: list[str], means: bool, of_records: bool = False) -> ProposedSchedule:
+    def schedule(
+        self, ids: Sequence[str] | None = None, *, means: bool = False, header: str = "trial"
+    ) -> ProposedSchedule:
         """Schedule of this table.
 
         Parameters
         ----------
-        ids : list of str
-            Trial or record of every row.
+        ids : sequence of str or None
+            Trial or record of every row; by default its own, or counted.
         means : bool
             Whether its lifts are taken along.
-        of_records : bool
-            Whether a row is a record, whose pieces bring their throttle.
+        header : str
+            ``"record"`` where a row is a record, whose pieces bring their throttle.
         """
-        header = "record" if of_records else "trial"
-        left_out = {"trial", header, *(() if means else MEANS), *["throttle"] * of_records}
+        if ids is None:
+            stated = self.cells.get("trial", pd.Series("", self.cells.index))
+            named = stated.is_unique and stated.all()
+            ids = stated.to_list() if named else [str(i + 1) for i in range(len(stated))]
+        brought = ["throttle"] * (header == "record")
+        left_out = {"trial", header, *brought, *(() if means else MEANS)}
         # names of files stay, under their own heading
         listed = self.cells.rename(columns={"trial": self.written.get("trial", "trial")})
         trials = listed.drop(columns=left_out, errors="ignore")
         trials.insert(0, header, ids)
+        kept = {name: unit for name, unit in self.units.items() if name not in left_out}
         return ProposedSchedule(
             trials=trials,
-            units={
-                name: unit
-                for name, unit in self.units.items()
-                if name not in left_out and BY_NAME[name].kind == "quantity"
-            },
-            lacking=tuple(
-                name
-                for name in REQUIRED[1:]
-                if name not in self.units and not (of_records and name == "throttle")
-            ),
+            units={n: unit for n, unit in kept.items() if BY_NAME[n].kind == "quantity"},
+            lacking=tuple(n for n in REQUIRED[1:] if n not in {*self.units, *brought}),
             ordered=not means or "start" in self.units,
         )
 
@@ -131,19 +125,18 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
         return None
     if not rows:
         return None
-    columns = [
-        [c.replace(",", ".") if layout.decimal == "," else c for c in row]
-        for row in zip(*rows, strict=True)
-    ]
+    cells = pd.DataFrame(rows, dtype=object)
+    if layout.decimal == ",":
+        cells = cells.apply(lambda column: column.str.replace(",", "."))
     stated = [
         f"{name} ({unit})" if unit and not headings.named(name)[1] else name
         for name, unit in zip(layout.names, layout.units, strict=True)
     ]
-    meant = columns_meant(stated, columns)
+    meant = columns_meant(stated, [cells[place].to_list() for place in cells])
     places = {place: name for name, (place, _) in sorted(meant.items(), key=lambda x: x[1][0])}
     places |= {p: n for p, n in enumerate(layout.names) if p not in places and n not in BY_NAME}
     return InputTable(
-        cells=pd.DataFrame({name: columns[place] for place, name in places.items()}),
+        cells=cells[list(places)].set_axis(list(places.values()), axis="columns"),
         units={name: unit for name, (_, unit) in meant.items()},
         written={name: layout.names[place] for name, (place, _) in meant.items()},
     )
@@ -159,29 +152,27 @@ def columns_meant(
     meant: dict[str, tuple[int, str]] = {}
     for place, name in enumerate(names):
         known, unit = headings.schedule_column(name)
-        if known == "start" and not NUMBER.fullmatch(columns[place][0]):
-            # a time of day has no unit
-            unit = "s"
+        # a time of day has no unit
+        is_number = known != "start" or NUMBER.fullmatch(columns[place][0])
         if known:
-            meant.setdefault(known, (place, unit))
+            meant.setdefault(known, (place, unit if is_number else "s"))
     taken = {place for place, _ in meant.values()}
     numeric = [p for p, c in enumerate(columns) if p not in taken and all(map(_is_number, c))]
+    units = {p: headings.named(names[p])[1] for p in numeric}
     for known, usual in BY_UNIT.items():
-        fitting = [p for p in numeric if headings.named(names[p])[1] in usual]
+        fitting = [p for p in numeric if units[p] in usual]
         if known not in meant and len(fitting) == 1:
-            meant[known] = fitting[0], headings.named(names[fitting[0]])[1]
+            meant[known] = fitting[0], units[fitting[0]]
             numeric.remove(fitting[0])
-    forces = {p: headings.force_unit(names[p]) for p in numeric}
+    forces = {p: AS_FORCE.get(units[p], units[p]) for p in numeric}
     forces = {p: unit for p, unit in forces.items() if unit in ("", *FORCE_UNITS)}
-    words = {p: headings.words(names[p]) for p in forces}
+    scatter = [p for p in forces if headings.says(names[p], "scatter")]
     if "lift" not in meant and {"distance", "throttle"} <= meant.keys():
-        no_mean = headings.OTHER_STATISTICS | headings.SCATTER_WORDS
-        may = [p for p in forces if not words[p] & no_mean]
-        may = [p for p in may if forces[p] or words[p] & headings.LIFT_WORDS]
+        may = [p for p in forces if forces[p] or headings.says(names[p], "lift")]
+        may = [p for p in may if not headings.says(names[p], "other_statistic", "scatter")]
         chosen = headings.likely_force([(names[p], forces[p]) for p in may])
         if chosen is not None:
             meant["lift"] = may[chosen], forces[may[chosen]]
-    scatter = [p for p in forces if words[p] & headings.SCATTER_WORDS]
     if "lift" in meant and "lift_sd" not in meant and len(scatter) == 1:
         meant["lift_sd"] = scatter[0], forces[scatter[0]]
     return meant
@@ -201,31 +192,22 @@ def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
     lines = path.read_bytes().decode(str(dialect.get("encoding", "utf-8")), "replace").splitlines()
     # the cells of a line, by the separator that cuts it into most
     cells = [max((line.split(sign) for sign in ";\t|,"), key=len) for line in lines]
-    # first and last row of each table
-    tables: list[tuple[int, int]] = []
-    for at in range(1, len(lines)):
-        if not _is_row(cells[at]):
-            continue
-        if tables and tables[-1][1] == at - 1:
-            tables[-1] = tables[-1][0], at
-        elif _is_header(cells[at - 1], len(cells[at])):
-            tables.append((at, at))
-    tables = [(first, last) for first, last in tables if last > first]
-    if not tables:
+    rows = [_is_row(line) for line in cells]
+    headers = [i for i in range(1, len(rows)) if rows[i] and _is_header(cells[i - 1], cells[i])]
+    # a table has two rows at least
+    headers = [i for i in headers if rows[i : i + 2] == [True, True]]
+    if not headers:
         return None
-    first = tables[0][0]
-    heads = cells[first - 1]
-    aside = len({*heads} - {"", "-"}) < len(heads) - 1
-    if len(tables) == 1 and not aside:
+    remedy = "save each as a file of its own"
+    if len(headers) > 1:
+        where = ", ".join(str(i) for i in headers[:4])
+        what = f"holds {len(headers)} tables, with their columns' names in lines {where}"
+        return InputRefused(str(path), what, remedy)
+    heads = cells[headers[0] - 1]
+    if len({*heads} - {"", "-"}) >= len(heads) - 1:
         return None
-    where = ", ".join(f"lines {a} to {b + 1}" for a, b in tables[:4])
-    what = f"holds {len(tables)} tables: {where}"
-    if len(tables) == 1:
-        what = (
-            f"has two tables side by side, from line {first} on: its columns' names repeat, or"
-            " leave gaps"
-        )
-    return InputRefused(str(path), what, "save each as a file of its own")
+    what = f"has two tables side by side, from line {headers[0]} on: its columns' names repeat, or"
+    return InputRefused(str(path), f"{what} leave gaps", remedy)
 
 
 def _is_row(cells: Sequence[str]) -> bool:
@@ -234,7 +216,7 @@ def _is_row(cells: Sequence[str]) -> bool:
     return len(filled) > 1 and all(NUMBER.fullmatch(c.replace(",", ".")) for c in filled)
 
 
-def _is_header(cells: Sequence[str], width: int) -> bool:
-    """Whether cells may be names of so many columns."""
+def _is_header(cells: Sequence[str], row: Sequence[str]) -> bool:
+    """Whether cells may be the names above a row."""
     filled = [c.strip() for c in cells if c.strip()]
-    return len(cells) == width and len(filled) > 1 and not any(map(NUMBER.fullmatch, filled))
+    return len(cells) == len(row) and len(filled) > 1 and not any(map(NUMBER.fullmatch, filled))
