@@ -41,9 +41,20 @@ def effects() -> tuple[Effect, ...]:
     return gather("nearlift.effects", Effect, EFFECTS)
 
 
-def effect(name: str) -> Effect:
-    """The effect of that name; `UsageError` with the nearest names if there is none."""
-    return find(name, effects(), "effect")
+def effect(name: str, form: str = "") -> Effect:
+    """The effect of that name in the given form, else its first one.
+
+    Raises
+    ------
+    UsageError
+        There is none; the nearest names, or its forms, are proposed.
+    """
+    first = find(name, effects(), "effect")
+    for each in first.forms:
+        if form in ("", each.form):
+            return each
+    forms = ", ".join(each.form for each in first.forms)
+    raise UsageError("effect", f"{name} has no form {form!r}", f"it has {forms}")
 
 
 def titled(text: str) -> str:

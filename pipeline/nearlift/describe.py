@@ -66,12 +66,13 @@ def listing() -> str:
 
 
 def declaration(item: Declaration) -> str:
-    """One model or effect."""
+    """One model or effect, with its other forms."""
     facts = [("name", _codes([item.name]))]
     if isinstance(item, LiftModel):
         downwash = "yes" if item.downwash else "not modelled"
         facts += [("boundary", item.boundary), ("rotors", item.rotors), ("downwash", downwash)]
     if isinstance(item, Effect):
+        facts += [("form", item.form)] if item.form else []
         facts += [
             ("acts on", item.acts_on + (", additive" if item.additive else "")),
             ("mechanism", item.mechanism),
@@ -85,6 +86,14 @@ def declaration(item: Declaration) -> str:
         ("needs", _codes(item.needs) or "nothing"),
         ("valid", f"z_hat above {low:g}{upper}"),
     ]
+    parts = [f"# {item.title}", f"$$ {item.formula} $$", _table(("", ""), facts), *_numbers(item)]
+    for other in item.other_forms if isinstance(item, Effect) else ():
+        parts += [f"# {item.title}: {other.form}", f"$$ {other.formula} $$", *_numbers(other)]
+    return _page(*parts)
+
+
+def _numbers(item: Declaration) -> tuple[str, ...]:
+    """Notes, parameters, source and checks."""
     parameters = [
         (
             _codes([p.name]),
@@ -103,10 +112,7 @@ def declaration(item: Declaration) -> str:
         (f"{c.x:g}", _arguments(c.arguments), f"{c.expected:.7g}", f"{c.tolerance:g}", c.quoted_by)
         for c in item.checks
     ]
-    return _page(
-        f"# {item.title}",
-        f"$$ {item.formula} $$",
-        _table(("", ""), facts),
+    return (
         item.notes.strip(),
         "## Parameters" if parameters else "",
         _table(("name", "unit", "value", "bounds", "prior", "meaning"), parameters),

@@ -236,7 +236,10 @@ def rebuilt(campaign: Campaign, result: dict[str, Any]) -> np.ndarray:
 
     data = campaign.data
     base = catalogue.model(result["base_model"])
-    model = compose(base, *(catalogue.effect(e["name"]) for e in result["effects"]))
+    form = result["result"].form
+    model = compose(
+        base, *(catalogue.effect(n, form(n)) for n in (e["name"] for e in result["effects"]))
+    )
     far = data.z_hat >= np.quantile(data.z_hat, 0.7)
     data = derive(
         data,

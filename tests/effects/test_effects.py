@@ -4,6 +4,7 @@ of its own.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -85,7 +86,11 @@ SCALARS = {
 }
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 
-every = pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+every = pytest.mark.parametrize(
+    "effect",
+    [form for e in EFFECTS for form in e.forms],
+    ids=lambda e: f"{e.name} {e.form}".strip(),
+)
 
 
 def trials(n: int = 24) -> dict[str, Any]:
@@ -152,6 +157,17 @@ def test_no_two_parameters_share_a_name() -> None:
     assert len(set(names)) == len(names)
     assert not set(names) & {p.name for m in MODELS for p in m.parameters}
     assert not set(names) & (ARRAYS | SCALARS | {n for m in MODELS for n in m.needs})
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.other_forms], ids=lambda e: e.name)
+def test_forms_of_an_effect_differ_in_name_and_form_alone(effect: Effect) -> None:
+    assert all(form.form for form in effect.forms)
+    assert len({form.form for form in effect.forms}) == len(effect.forms)
+    own = {"form", "other_forms", "formula", "evaluate", "parameters", "needs", "source", "checks"}
+    for form in effect.other_forms:
+        for field in {f.name for f in dataclasses.fields(Effect)} - own - {"notes"}:
+            assert getattr(form, field) == getattr(effect, field)
+        assert set(form.needs) <= {*effect.needs, "z_hat"}
 
 
 @every

@@ -76,6 +76,20 @@ def test_an_effect_of_the_bench_stays_there(remake):
     assert 1 < near[0] < plain
 
 
+def test_an_effect_flies_in_the_form_that_was_likeliest(remake):
+    job = remake("ceiling")
+    layer = {
+        "name": "near_wall_saturation",
+        "form": "cut-off",
+        "parameters": {"viscous_share": span(0.5), "layer_hat": span(0.2)},
+    }
+    diagnosed(job, "ceiling", layer, {"alpha": span(0.1)})
+    lift = quoted.fitted_lift(job, "ceiling", 20)
+    bare = catalogue.model("hsiao_chirarattananon")(0.2, alpha=0.1)
+    by_hand = 1 + (bare - 1) * (1 - 0.5 * np.exp(-1))
+    assert lift.ratio()(np.array([0.2])) == pytest.approx([by_hand])
+
+
 def test_draws_have_the_ends_of_their_intervals_and_unbounded_ones_their_prior(remake):
     job = remake("ceiling")
     bounded = {"value": 0.0, "lo90": 0.0, "hi90": 0.2}

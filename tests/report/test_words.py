@@ -219,6 +219,18 @@ def test_an_effect_is_named_alone_where_it_is_probable(probability, text):
     assert phrases.explanation(quoted, diagnosis) == text
 
 
+@pytest.mark.parametrize(
+    ("probability", "forms", "text"),
+    [
+        (0.9, {"plate_edge": "Gaussian"}, " (plate edge in its Gaussian form)"),
+        (0.5, {"plate_edge": "Gaussian"}, ""),
+        (0.9, None, ""),
+    ],
+)
+def test_the_form_is_printed_of_an_effect_named_alone(probability, forms, text):
+    assert phrases.forms(SimpleNamespace(probability=probability, forms=forms)) == text
+
+
 def test_nameless_structure_and_nothing_are_listed_by_their_probability():
     quoted = SimpleNamespace(probability=0.4, effects=("supply_sag",), verdict="effect")
     nameless = ExplanationProbability(effects=(), nameless="session", probability=0.35)

@@ -120,6 +120,8 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
             "rivals": rivals,
             "reason": found.get("reason", "") if verdict == NOT_DIAGNOSED else "",
         }
+        if forms := {e["name"]: e["form"] for e in found.get("effects", []) if "form" in e}:
+            own["forms"] = forms
         if joint := found.get("joint"):
             own["correlation"] = {"parameters": joint["parameters"], "values": joint["correlation"]}
         if error := found.get("error"):

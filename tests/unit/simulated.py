@@ -111,7 +111,9 @@ def restated(explanation, **fields):
     if "log_evidence" in fields:
         log = fields.pop("log_evidence")
         over = evidence.over_none
-        evidence = dataclasses.replace(evidence, exact=log, discrepant=log, unnamed=log - over)
+        evidence = dataclasses.replace(
+            evidence, exact=log, discrepant=log, unnamed=log - over, other_forms=0.0
+        )
     if "over_none" in fields:
         unnamed = evidence.log - fields.pop("over_none")
         evidence = dataclasses.replace(evidence, unnamed=unnamed)

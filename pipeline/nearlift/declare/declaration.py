@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -225,6 +225,11 @@ class Effect(Declaration):
         An additive effect that is absent while the rotors are at rest.
     within_trial : bool
         Its signature is a change during a record, which the mean of a trial does not show.
+    form : str
+        Name of its form, where it has several.
+    other_forms : tuple of Effect
+        The same effect in other forms, each with its own function and shapes. The search weighs all
+        of them; forecasts use the first.
     """
 
     acts_on: Literal["height", "ratio", "force"]
@@ -240,6 +245,8 @@ class Effect(Declaration):
     error_of: str = ""
     loaded: bool = False
     within_trial: bool = False
+    form: str = ""
+    other_forms: tuple[Effect, ...] = ()
 
     def __post_init__(self) -> None:
         super(Effect, self).__post_init__()
@@ -249,3 +256,23 @@ class Effect(Declaration):
                 "names no mechanism",
                 "only what has a physical cause may explain a residual",
             )
+
+    def or_form(self, form: str, formula: str, evaluate: Evaluate, **declared: Any) -> Effect:
+        """The effect with another form; `declared` are parameters, source, checks and other fields
+        that differ.
+        """
+        other = replace(
+            self,
+            form=form,
+            formula=formula,
+            evaluate=evaluate,
+            notes="",
+            other_forms=(),
+            **declared,
+        )
+        return replace(self, other_forms=(*self.other_forms, other))
+
+    @property
+    def forms(self) -> tuple[Effect, ...]:
+        """Its forms, itself the first."""
+        return (self, *self.other_forms)

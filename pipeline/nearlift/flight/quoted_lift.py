@@ -171,7 +171,7 @@ class QuotedLifts:
                 name: replace(p, dof=intervals[name].dof if name in intervals else math.inf)
                 for name, p in accepted.parameters.items()
             }
-        effects = [catalogue.effect(name) for name in quoted.effects]
+        effects = [catalogue.effect(name, quoted.form(name)) for name in quoted.effects]
         flying = [e for e in effects if e.belongs_to == "vehicle"]
         parameters = (*base.parameters, *(p for e in flying for p in e.parameters))
         rng = generator(self.seed, "belief", boundary, base.name)

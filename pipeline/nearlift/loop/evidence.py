@@ -43,12 +43,14 @@ class ExplanationEvidence:
 
     `exact` is with an exact form, `discrepant` with a discrepant one. Both use unit information, so
     that the width of a declared prior does not matter. `unnamed` is the evidence of the null: the
-    base model, with a random-walk gain if that is likelier.
+    base model, with a random-walk gain if that is likelier. Where effects have several forms, these
+    are of the best one, and `other_forms` is the mean over all forms relative to it.
     """
 
     exact: float
     discrepant: float
     unnamed: float
+    other_forms: float = 0.0
 
     @classmethod
     def of_score(cls, score: float) -> ExplanationEvidence:
@@ -59,8 +61,8 @@ class ExplanationEvidence:
 
     @property
     def log(self) -> float:
-        """Log of the mean evidence of both forms."""
-        return float(mean_evidence(self.exact, self.discrepant))
+        """Log of the mean evidence, exact and discrepant, over all forms."""
+        return float(mean_evidence(self.exact, self.discrepant)) + self.other_forms
 
     @property
     def over_none(self) -> float:

@@ -104,6 +104,7 @@ def result(
         verdict=answer.verdict,
         base_model=problem.base.name,
         effects=named,
+        forms={e.name: e.form for e in answer.best.candidate.effects if e.form} or None,
         rivals=tuple(others),
         probability=answer.probability,
         coefficients=coefficients,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -181,27 +182,24 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     if not first.present:
         return Answer(problem=problem, first=first, singles=(), pairs=())
     library = {e.name: e for e, _ in problem.library}.values()
-    tried = [
-        (e, problem.explain((e,)))
+    tried = (
+        problem.explain((e,))
         for e in library
         if (not shortlist or (e.name,) in shortlist) and problem.visibility(e) > SILENT
-    ]
+    )
     # one that has no value at some trial, however small, explains nothing
-    tried = [(e, s) for e, s in tried if np.isfinite(s.gain)]
-    effects, singles = [e for e, _ in tried], tuple(s for _, s in tried)
+    singles = tuple(s for s in tried if np.isfinite(s.gain))
     if not any(s.accepted for s in singles):
         singles = accept_inexact(problem, singles)
-    gains = {s.name: s.gain for s in singles}
+    # in a pair an effect has the form that is likeliest alone
+    alone = {s.fitted.candidate.effects[0]: s for s in singles}
     if shortlist is None:
-        alone = [s for s in singles if s.accepted]
-        best = max(alone, key=lambda e: e.evidence.log, default=None)
-        offered = promising(problem, gains, effects, best)
+        offered = promising(problem, alone)
     else:
-        pairs_of = combinations(effects, 2)
-        offered = [(one, two) for one, two in pairs_of if (one.name, two.name) in shortlist]
-    pairs = tuple(
-        problem.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
-    )
+        offered = [
+            (one, two) for one, two in combinations(alone, 2) if (one.name, two.name) in shortlist
+        ]
+    pairs = tuple(problem.explain(pair, tuple(alone[e] for e in pair)) for pair in offered)
     both = (*singles, *pairs)
     some = any(e.accepted for e in both)
     allowed = tuple(e for e in both if some and e.may_be_named)
@@ -221,31 +219,29 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
 
 
 def promising(
-    problem: SearchProblem,
-    gains: dict[str, float],
-    visible: list[Effect],
-    alone: Explanation | None,
+    problem: SearchProblem, alone: Mapping[Effect, Explanation]
 ) -> list[tuple[Effect, Effect]]:
     """Pairs of effects worth a fit, by their possible gain, largest first.
 
-    If one effect is sufficient `alone`, they are the pairs that could gain more by
-    `PLAIN_2LNB`. Else they are the first few, and those that could explain most of the
-    remainder of each effect. `gains` are those of the single effects. A gain beyond first order of
-    one effect is assumed to persist in its pairs.
+    `alone` are the explanations by one effect. If one of them is accepted, they are the pairs that
+    could gain more than the likeliest by `PLAIN_2LNB`. Else they are the first few, and those that
+    could explain most of the remainder of each effect. A gain beyond first order of one effect is
+    assumed to persist in its pairs.
     """
     if not problem.options.pairs:
         return []
-    projected = pair_gains(problem)
+    projected, gains = pair_gains(problem), {e.name: s.gain for e, s in alone.items()}
     bent = {name: max(gain - projected[name, ""], 0.0) for name, gain in gains.items()}
     offered = sorted(
         (
             (projected[one.name, two.name] + bent[one.name] + bent[two.name], one, two)
-            for one, two in combinations(visible, 2)
+            for one, two in combinations(alone, 2)
         ),
         key=lambda pair: -pair[0],
     )[:PAIRS]
-    if alone is not None:
-        least = alone.gain + PLAIN_2LNB
+    accepted = [s for s in alone.values() if s.accepted]
+    if accepted:
+        least = max(accepted, key=lambda e: e.evidence.log).gain + PLAIN_2LNB
         return [(one, two) for gain, one, two in offered if gain > least]
 
     def may_be_needed(gain: float, one: Effect, two: Effect) -> bool:

@@ -304,9 +304,28 @@ class SearchProblem:
         return self.remaining(self.linearised(e.fitted, e.form_sd, e.random_walk_gain).left)
 
     def explain(
-        self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)
+        self, effects: tuple[Effect, ...], without: tuple[Explanation, ...] = ()
     ) -> Explanation:
-        """Fit one candidate and test its residuals.
+        """Fit one effect in its likeliest form, or a pair in given forms, and test the residuals.
+
+        `without` are the explanations that lack one of a pair's effects. Forms are assumed to be as
+        likely in a pair as alone.
+        """
+        gains = tuple(e.gain for e in without) or (0.0,)
+        each = [(form,) for form in effects[0].forms] if len(effects) == 1 else [effects]
+        judged = [self.likeliest(form, gains) for form in each]
+        inside = [not e.fitted.at_bound for e in judged]
+        log = np.nan_to_num([e.evidence.log for e in judged], nan=-np.inf)
+        if any(inside):
+            log[np.logical_not(inside)] = -np.inf
+        best = judged[int(log.argmax())]
+        other_forms = float(np.logaddexp.reduce(log) - log.max() - np.log(len(log)))
+        other_forms += sum(e.evidence.other_forms for e in without)
+        evidence = dataclasses.replace(best.evidence, other_forms=other_forms)
+        return self.tested(dataclasses.replace(best, evidence=evidence))
+
+    def likeliest(self, effects: tuple[Effect, ...], without: tuple[float, ...]) -> Explanation:
+        """Explanation by effects of given forms, the likeliest over `SESSION_SPREADS`.
 
         `without` are the gains of the explanations that lack one of its effects.
         """
@@ -314,11 +333,10 @@ class SearchProblem:
         fits = [search(first, self.starts, self.log_lift)]
         for candidate in others:
             fits.append(fit(candidate, self.space, self.log_lift, fits[-1].vector))
-        likeliest = max(
+        return max(
             (self.judged(f, self.options.form_sd, without) for f in fits),
             key=lambda e: e.evidence.log,
         )
-        return self.tested(likeliest)
 
     def linear_fits(self, fitted: Fitted, form_sd: float) -> tuple[LinearFit, LinearFit]:
         """Linear fits with an exact form, and with one discrepant by `form_sd`.

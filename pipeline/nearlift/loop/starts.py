@@ -47,23 +47,25 @@ class Starts:
     def __init__(self, space: Problem, base: Candidate, theta: FloatArray) -> None:
         self.space, self.base, self.theta = space, base, theta
         columns = space.project(base.jacobian(theta).T)[None]
-        self._signatures = {"": _Signature(np.zeros((1, 0)), columns)}
-        self._products: dict[tuple[str, str], FloatArray] = {}
+        self._signatures: dict[Effect | None, _Signature] = {
+            None: _Signature(np.zeros((1, 0)), columns)
+        }
+        self._products: dict[tuple[Effect | None, Effect | None], FloatArray] = {}
 
     def _signature(self, effect: Effect) -> _Signature:
-        if effect.name not in self._signatures:
+        if effect not in self._signatures:
             alone, p = replace(self.base, effects=(effect,)), len(self.theta)
             shapes = np.array([*alone.shapes()])
             shapes[:, :p] = self.theta
             sizes = alone.sizes()
             each = [self.space.project(alone.jacobian(shape).T[sizes]) for shape in shapes]
-            self._signatures[effect.name] = _Signature(shapes[:, p:], np.array(each))
-        return self._signatures[effect.name]
+            self._signatures[effect] = _Signature(shapes[:, p:], np.array(each))
+        return self._signatures[effect]
 
-    def _product(self, one: str, two: str) -> FloatArray:
-        """Products of the columns of two effects, "" the base model's, (m, m', k, k')."""
+    def _product(self, one: Effect | None, two: Effect | None) -> FloatArray:
+        """Products of the columns of two effects, None the base model's, (m, m', k, k')."""
         if (one, two) not in self._products:
-            a, b = (self._signatures[name].columns for name in (one, two))
+            a, b = (self._signatures[e].columns for e in (one, two))
             flat = a.reshape(-1, a.shape[-1]) @ b.reshape(-1, b.shape[-1]).T
             self._products[one, two] = flat.reshape(*a.shape[:2], *b.shape[:2]).swapaxes(1, 2)
         return self._products[one, two]
@@ -72,8 +74,8 @@ class Starts:
         """First-order fits of a candidate to log lift (n,), one for each combination of shapes, the
         best first.
         """
-        each = [self._signatures[""], *map(self._signature, candidate.effects)]
-        names = ["", *(effect.name for effect in candidate.effects)]
+        each = [self._signatures[None], *map(self._signature, candidate.effects)]
+        effects = [None, *candidate.effects]
         shape = np.array([*product(*(range(len(s.shapes)) for s in each))])
         ends = np.cumsum([0, *(s.columns.shape[1] for s in each)])
         places = [slice(a, b) for a, b in pairwise(ends)]
@@ -82,7 +84,7 @@ class Starts:
         for i, mine in enumerate(places):
             along[:, mine] = (each[i].columns @ residual)[shape[:, i]]
             for j, theirs in enumerate(places[: i + 1]):
-                block = self._product(names[i], names[j])[shape[:, i], shape[:, j]]
+                block = self._product(effects[i], effects[j])[shape[:, i], shape[:, j]]
                 normal[:, mine, theirs] = block
                 normal[:, theirs, mine] = block.swapaxes(1, 2)
         p, sizes = len(self.theta), candidate.sizes()

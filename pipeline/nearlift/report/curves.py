@@ -245,7 +245,7 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     quoted, data = evidence.quoted(boundary), evidence.observations[boundary]
     diagnosis = evidence.diagnosed(boundary)
     accepted = diagnosis.accepted if diagnosis and evidence.has(LOOP_RESIDUALS) else None
-    effects = [catalogue.effect(n) for n in (accepted.effects if accepted else ())]
+    effects = [catalogue.effect(n, quoted.form(n)) for n in (accepted.effects if accepted else ())]
     of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
     parts: list[Effect] = [
         e

@@ -154,6 +154,15 @@ def explanation(quoted: BoundaryResult, diagnosis: BoundaryDiagnosis | None) -> 
     return f"one of: {', '.join(f'{n} {s} %' for n, s in zip(names, shares, strict=True))}"
 
 
+def forms(quoted: BoundaryResult) -> str:
+    """`` (near-wall saturation in its soft form)`` where an identified effect has several forms and
+    is named alone; else empty.
+    """
+    known = (quoted.forms or {}) if is_sure(quoted) else {}
+    each = [f"{titled(effect)} in its {form} form" for effect, form in known.items()]
+    return f" ({listed(each)})" if each else ""
+
+
 def claim(quoted: BoundaryResult, diagnosis: object) -> str:
     """The verdict in a word, with the explanation: ``effect: supply sag``."""
     known = diagnosis if isinstance(diagnosis, BoundaryDiagnosis) else None

@@ -217,7 +217,7 @@ class BoundaryResult:
     verdict; None where nothing was diagnosed. `wanted` is what a diagnosis would take where there
     is none. `rests_on` is a single trial without which the verdict changes, or the headline moves
     by more than its standard uncertainty. `rests_on_visit` is a single visit without which the
-    verdict changes.
+    verdict changes. `forms` are the forms of identified effects that have several.
     """
 
     verdict: Verdict
@@ -225,6 +225,7 @@ class BoundaryResult:
     wanted: str = ""
     base_model: str
     effects: tuple[str, ...] = ()
+    forms: IfAny[Mapping[str, str]] = None
     rivals: tuple[str, ...] = ()
     probability: IfAny[float] = None
     coefficients: Mapping[str, CoefficientResult]
@@ -233,6 +234,10 @@ class BoundaryResult:
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None
     rests_on_visit: IfAny[RestsOn] = None
+
+    def form(self, effect: str) -> str:
+        """The form of an identified effect; empty where it has one alone."""
+        return (self.forms or {}).get(effect, "")
 
     @property
     def headline(self) -> str:

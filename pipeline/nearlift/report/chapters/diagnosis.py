@@ -123,12 +123,15 @@ def _effects(
             unit = "" if unit.startswith("exponent") else unit
             q = place.quote(name=SATURATION.get(name, name), show=show, unit=unit)
             q = replace(q, u=None, at_bound=_is_at_bound(effect.name, name, known.value))
-            yield titled(effect.name), effect.mechanism, q.equation, q.interval, rivals
+            form = brief.quoted.form(effect.name)
+            cause = f"{effect.mechanism} ({form} form)" if form else effect.mechanism
+            yield titled(effect.name), cause, q.equation, q.interval, rivals
 
 
 def _is_at_bound(effect: str, parameter: str, value: float) -> bool:
     known = {e.name: e for e in catalogue.effects()}
-    for p in known[effect].parameters if effect in known else ():
+    forms = known[effect].forms if effect in known else ()
+    for p in (p for form in forms for p in form.parameters):
         if p.name == parameter.partition("[")[0]:
             low, high = p.bounds
             return min(value - low, high - value) < AT_BOUND * (high - low)

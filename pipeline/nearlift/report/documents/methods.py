@@ -10,13 +10,14 @@ from markupsafe import Markup
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.declare import Boundary, Declaration
+from nearlift.declare import Boundary, Declaration, Effect
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
 from nearlift.reduction.quality import rejected
 from nearlift.report import blocks, phrases, words
 from nearlift.report.documents.text import environment
 from nearlift.report.evidence import Evidence
+from nearlift.results.quotation import BoundaryResult
 from nearlift.stages.fit import POSTERIOR
 from nearlift.stages.ingest import TRIALS
 from nearlift.version import __version__
@@ -44,7 +45,6 @@ def markdown(evidence: Evidence) -> bytes:
     programs = [
         f"{name} {versions[key]} [@{key}]" for name, key in PROGRAMS.items() if key in versions
     ]
-    known = {e.name: e for e in catalogue.effects()}
 
     def rival_models(boundary: Boundary) -> list[Declaration]:
         base = evidence.fits.base[boundary]
@@ -66,10 +66,11 @@ def markdown(evidence: Evidence) -> bytes:
         sampled=evidence.has(POSTERIOR)
         and any(fit.posterior and fit.posterior.sampler == "emcee" for fit in fits),
         untestable=[*{titled(name): 0 for d in diagnosed for name in d.untestable}],
-        effects=lambda b: [known[n] for n in b.quoted.effects if n in known],
+        effects=lambda b: _effects(b.quoted),
         rivals_of=words.rivals_of,
         power=words.power,
         explanation=phrases.explanation,
+        forms=phrases.forms,
         is_sure=phrases.is_sure,
         probability=phrases.probability,
         sizes=phrases.sizes,
@@ -99,9 +100,17 @@ def references(evidence: Evidence) -> bytes:
     """references.bib: what the paragraphs cite, and nothing else."""
     groups = CITED.findall(markdown(evidence).decode())
     cited = dict.fromkeys(key for group in groups for key in group.split("; @"))
-    declared = {d.name: d for d in (*catalogue.models(), *catalogue.effects())}
+    declared: dict[str, Declaration] = {
+        d.name: d for d in (*catalogue.models(), *catalogue.effects())
+    }
+    declared |= {e.name: e for b in words.briefs(evidence) for e in _effects(b.quoted)}
     entries = [_known().get(key) or _declared(declared[key]) for key in cited]
     return ("\n\n".join(entries) + "\n").encode()
+
+
+def _effects(quoted: BoundaryResult) -> list[Effect]:
+    """The identified effects, each in its form."""
+    return [catalogue.effect(name, quoted.form(name)) for name in quoted.effects]
 
 
 def _cite(*declared: Declaration) -> str:
