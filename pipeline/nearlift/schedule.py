@@ -28,8 +28,7 @@ from nearlift.campaign.segments import ColumnOfRecord, Segments
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray, IntArray
 from nearlift.errors import InputRefused, ManifestError, NearliftError, brief, did_you_mean
 from nearlift.nomenclature import CARRIED
-from nearlift.readers import guarded
-from nearlift.readers.files import content_of, inside, is_packed
+from nearlift.readers.files import content_of, inside, packing
 from nearlift.readers.guarded import Malformed
 from nearlift.units import NUMBER
 
@@ -217,7 +216,7 @@ class Schedule:
 
 def schedule_file(campaign: Campaign, root: Path) -> Path:
     """The schedule's path, checked to lie under `root`."""
-    return inside(root, campaign.trials.file, "trials.file")
+    return inside(root, campaign.trials.file, "trials.file")[0]
 
 
 def read_schedule(campaign: Campaign, root: Path) -> Schedule:
@@ -264,8 +263,8 @@ def _text_of(path: Path) -> str:
         remedy = "the schedule lists every trial; name it under [trials] file = ..."
         raise InputRefused(str(path), "is missing", remedy)
     try:
-        packed = is_packed(path)
-        content = guarded.run(content_of, path, MOST_BYTES + 1) if packed else content_of(path)
+        packed = packing(path)
+        content = content_of(path, MOST_BYTES + 1 if packed else None)
         if packed and len(content) > MOST_BYTES:
             what = f"holds more than {MOST_BYTES >> 20} MB"
             raise InputRefused(str(path), what, "unpack it: no schedule has so many trials")

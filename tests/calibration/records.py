@@ -98,7 +98,7 @@ def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[row
         written.put(folder, pattern.replace("{trial}", name), content)
     pieces, _ = reader(campaign.records.reader).plan(campaign, folder, names)
     tasks = [
-        rows.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, inputs={})
+        rows.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, digests={})
         for piece in pieces
     ]
     answers = (answer for task in tasks for answer in rows.reduce_piece(task))
@@ -109,12 +109,12 @@ def fate(row: rows.Row, lift_N: float, samples: int) -> str:
     """What became of a trial whose lift should be this; a length that is not the planned one is
     told by `[load_cell] record`.
     """
-    codes = row.reduced.codes
+    codes = row["codes"]
     if rejected(np.array([joined(codes)], dtype=object))[0]:
         return "rejected"
-    if codes or row.samples != samples:
+    if codes or row["samples"] != samples:
         return "told"
-    return "within u" if abs(row.reduced.lift_N - lift_N) <= row.reduced.u_lift_N else "silent"
+    return "within u" if abs(row["lift_N"] - lift_N) <= row["u_lift_N"] else "silent"
 
 
 def bytes_to_rows(
@@ -126,11 +126,11 @@ def bytes_to_rows(
         content = write(FORCE)
         kinds, contents = zip(*damages(content, flips, sectors), strict=True)
         whole, *rows = reduced(rig(name), folder / name, [content, *contents])
-        assert not whole.reduced.codes
+        assert not whole["codes"]
         assert len(rows) == len(contents)
         for kind, row in zip(kinds, rows, strict=True):
             found.setdefault((name, kind), Counter())[
-                fate(row, whole.reduced.lift_N, len(FORCE))
+                fate(row, whole["lift_N"], len(FORCE))
             ] += 1
     return found
 

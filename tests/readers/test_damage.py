@@ -25,7 +25,7 @@ from tests.unit.small_run import nearlift
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding.inspection import inspect
-from nearlift.readers import trials as reading
+from nearlift.readers import rows as reading
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
@@ -389,14 +389,14 @@ def test_5_a_file_that_is_still_being_written_is_left_for_later(raw: Path) -> No
 
 
 def test_5_a_file_that_changes_while_it_is_read(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = reading._moving
+    real = reading._mark_pending
 
-    def meanwhile(job: Any) -> Any:
+    def meanwhile(*given: Any) -> Any:
         with record(raw).open("ab") as file:
             file.write(b"270.1\n")
-        return real(job)
+        return real(*given)
 
-    monkeypatch.setattr(reading, "_moving", meanwhile)
+    monkeypatch.setattr(reading, "_mark_pending", meanwhile)
     code, _, quality = ingest(raw)
     assert (code, quality[TRIAL]) == (3, "PENDING")
 
@@ -404,13 +404,13 @@ def test_5_a_file_that_changes_while_it_is_read(raw: Path, monkeypatch: pytest.M
 def test_5_a_schedule_that_changes_while_it_is_read_stops(
     raw: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = reading._moving
+    real = reading._mark_pending
 
-    def meanwhile(job: Any) -> Any:
+    def meanwhile(*given: Any) -> Any:
         (raw / "trials.csv").touch()
-        return real(job)
+        return real(*given)
 
-    monkeypatch.setattr(reading, "_moving", meanwhile)
+    monkeypatch.setattr(reading, "_mark_pending", meanwhile)
     code, said, quality = ingest(raw)
     assert (code, quality) == (4, {})
     assert "trials.csv: was changed while it was being read" in said

@@ -30,18 +30,14 @@ def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
         (tmp_path / f"{trial}.csv").write_text("force\n1\n")
     given = manifest(records={"files": "{trial}.csv"})
     assert [r.trial for r in of_trials("csv", given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
-    assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == [
-        "a.csv",
-        "c.csv",
-    ]
+    places = reader("csv").places(given, tmp_path, ["a", "b", "c"])
+    assert places == {t: (tmp_path / f"{t}.csv", 8) for t in "ac"}
 
 
 def test_a_link_within_the_folder_is_followed(tmp_path: Path) -> None:
     (tmp_path / "real.csv").write_text("force\n1\n")
     (tmp_path / "a.csv").symlink_to(tmp_path / "real.csv")
-    assert (
-        len(reader("csv").files(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])) == 1
-    )
+    assert reader("csv").places(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])
 
 
 @pytest.mark.parametrize(
@@ -74,7 +70,7 @@ def test_a_record_without_a_row_is_told(tmp_path: Path, pattern: str, name: str)
 
 def test_a_pattern_without_the_trial_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ManifestError, match=r"write \{trial\} in it"):
-        reader("csv").files(manifest(records={"files": "all.csv"}), tmp_path, ["a"])
+        reader("csv").places(manifest(records={"files": "all.csv"}), tmp_path, ["a"])
 
 
 FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60), 2)]
@@ -131,7 +127,7 @@ def test_a_packed_text_of_too_much_is_refused(
     monkeypatch.setattr(files, "MOST_UNPACKED", 1 << 20)
     path = put(tmp_path, gzip.compress(b"t,force\n" + b"1,2\n" * 500_000))
     with pytest.raises(InputRefused, match="holds more than 1 MB"):
-        read("text", path)
+        files.unpacked(path, "gzip", None)
 
 
 Rows = Sequence[Sequence[object]]

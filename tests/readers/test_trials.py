@@ -171,7 +171,7 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
         campaign=given,
         piece=CSV.plan(given, root, ["t00", "t01", "t02"])[0][0],
         tare_after_N={},
-        inputs={},
+        digests={},
     )
     whole = reduce_piece(task)
     (root / "trials" / "t01.csv").write_bytes(b"force\n1\n\x1b[2J\n")
@@ -180,9 +180,9 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
     assert [row.record for row in rows] == ["t00", "t01", "t02"]
     assert (rows[0], rows[2]) == (whole[0], whole[2])
     [bad] = rows[1].rows
-    assert bad.reduced.codes == ("MALFORMED",)
-    assert bad.fault.isprintable()
-    assert bad.source_sha256 == sha256(root / "trials" / "t01.csv")
+    assert bad["codes"] == ("MALFORMED",)
+    assert bad["fault"].isprintable()
+    assert bad["source_sha256"] == sha256(root / "trials" / "t01.csv")
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
         campaign=given,
         piece=CSV.plan(given, root, ["t00", "t01"])[0][0],
         tare_after_N={},
-        inputs={},
+        digests={},
     )
     calls: list[str] = []
 
@@ -215,7 +215,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
 
     monkeypatch.setattr(rows_module, "reduce_record", reduced)
     if row:
-        assert [r.rows[0].reduced.codes for r in reduce_piece(task)] == [("MALFORMED",)] * 2
+        assert [r.rows[0]["codes"] for r in reduce_piece(task)] == [("MALFORMED",)] * 2
         assert len(calls) == 2
     else:
         with pytest.raises(type(fault)):

@@ -9,7 +9,6 @@ from nearlift import readers
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import ManifestError
 from nearlift.readers import segments
-from nearlift.readers.files import per_trial
 from nearlift.readers.segments import Segmented
 from nearlift.schedule import read_schedule
 
@@ -30,9 +29,9 @@ def cuts(campaign: Path, out: Path) -> tuple[dict[str, Any], str]:
             "has no [segments]: every record is one trial",
             "where a record holds many trials, add [segments] with by, settle and shortest",
         )
-    reader = readers.reader(given.records.reader)
-    segments.cutting(reader).checked_dialect(given.records.dialect)
-    pieces = per_trial(given, campaign, read_schedule(given, campaign).trial.tolist())
+    reader = segments.cutting(readers.reader(given.records.reader))
+    reader.checked_dialect(given.records.dialect)
+    pieces = reader.places(given, campaign, read_schedule(given, campaign).trial.tolist())
     records = [
         segments.read(given, campaign, reader, record, path) for record, (path, _) in pieces.items()
     ]

@@ -14,7 +14,6 @@ from nearlift.errors import InputRefused
 from nearlift.onboarding import headings, tables
 from nearlift.onboarding.grids import Grid, grid_of
 from nearlift.onboarding.tables import InputTable
-from nearlift.readers import guarded
 from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.files import GZIP, content_of, head_of
@@ -201,7 +200,7 @@ def _reader_of(path: Path) -> Reader:
     """Reader that claims a file; that of text where no other does."""
     head = head_of(path, HEAD)
     if head.startswith(GZIP):
-        head = guarded.run(content_of, path, HEAD)
+        head = content_of(path, HEAD)
     if head.startswith(DATAFLASH):
         raise InputRefused(
             str(path),

@@ -11,9 +11,8 @@ import pandas as pd
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
-from nearlift.readers import guarded
 from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect
-from nearlift.readers.files import content_of, is_packed
+from nearlift.readers.files import content_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
 from nearlift.schedule import BY_NAME, MEANS, REQUIRED
@@ -116,8 +115,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
     if path.stat().st_size > MOST_BYTES:
         return None
     try:
-        asked = path, MOST_BYTES + 1
-        content = guarded.run(content_of, *asked) if is_packed(path) else content_of(*asked)
+        content = content_of(path, MOST_BYTES + 1)
         if len(content) > MOST_BYTES:
             return None
         layout, rows = cells_of(content, str(path), dialect)

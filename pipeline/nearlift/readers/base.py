@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import difflib
 import functools
+import importlib
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -131,19 +132,14 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
     if len(places) == 1:
         return channels[places[0]]
     if places:
-        raise InputRefused(
-            where,
-            f"has more than one column {column!r}: {', '.join(repr(names[i]) for i in places)}",
-            f"{key} names one of them",
-        )
+        several = ", ".join(repr(names[i]) for i in places)
+        what = f"has more than one column {column!r}: {several}"
+        raise InputRefused(where, what, f"{key} names one of them")
     close = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
     more = f" and {len(names) - 12} more" if len(names) > 12 else ""
     listed = ", ".join(repr(n) for n in names[:12]) + more
-    raise InputRefused(
-        where,
-        f"has no column {column!r}",
-        f'{key} = "{close[0]}"?' if close else f"it has {listed or 'none'}; {key} names it",
-    )
+    remedy = f'{key} = "{close[0]}"?' if close else f"it has {listed or 'none'}; {key} names it"
+    raise InputRefused(where, f"has no column {column!r}", remedy)
 
 
 # the records of a campaign have the same names
@@ -155,7 +151,7 @@ def fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
         lambda name: name == column,
         lambda name: fold(name) == folded,
         lambda name: fold(split_unit(name)[0]) == folded,
-        lambda name: _in_a_group(name, folded),
+        lambda name: fold(name).endswith((f".{folded}", f"/{folded}")),
     ):
         if places := tuple(i for i, name in enumerate(names) if same(name)):
             return places
@@ -166,15 +162,7 @@ def wanted(name: str, names: Names) -> bool:
     """Whether `pick` may choose this channel for one of these names, so that a reader need not read
     others; without names all are.
     """
-    if names is None:
-        return True
-    spellings = {fold(name), fold(split_unit(name)[0])}
-    return any(fold(n) in spellings or _in_a_group(name, fold(n)) for n in names)
-
-
-def _in_a_group(name: str, folded: str) -> bool:
-    """Whether a channel has that name within a group, or a group of groups."""
-    return fold(name).endswith((f".{folded}", f"/{folded}"))
+    return names is None or any(fitting((name,), column) for column in names)
 
 
 def rate_of(clock: FloatArray) -> float | None:
@@ -185,14 +173,11 @@ def rate_of(clock: FloatArray) -> float | None:
 
 def library(name: str, extra: str) -> Any:
     """The module of that name, which an extra installs; `InputRefused` where it is not there."""
-    import importlib
-
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise InputRefused(
-            f"reader {extra!r}", f"needs the package {name}", f'pip install "nearlift[{extra}]"'
-        ) from None
+        remedy = f'pip install "nearlift[{extra}]"'
+        raise InputRefused(f"reader {extra!r}", f"needs the package {name}", remedy) from None
 
 
 # ---- records
@@ -242,17 +227,12 @@ def malformed(trial: str, root: Path, source: str, fault: Exception) -> Record:
     `fault` itself, where it is the manifest's or the machine's (libraries call damage an OSError
     without a number).
     """
-    of_the_machine = isinstance(fault, MemoryError) or (
-        isinstance(fault, OSError) and fault.errno is not None
-    )
     refusal = fault if isinstance(fault, InputRefused) else None
-    if of_the_machine or (isinstance(fault, NearliftError) and refusal is None):
+    of_the_machine = isinstance(fault, OSError) and fault.errno is not None
+    if of_the_machine or (isinstance(fault, (MemoryError, NearliftError)) and refusal is None):
         raise fault
-    what = f"{source}: {type(fault).__name__}: {fault}"
-    if refusal is not None:
-        what = f"{refusal.where}: {refusal.what}"
-    elif isinstance(fault, Malformed):
-        what = f"{source}: {fault}"
+    kind = "" if isinstance(fault, Malformed) else f"{type(fault).__name__}: "
+    what = f"{refusal.where}: {refusal.what}" if refusal else f"{source}: {kind}{fault}"
     text = " ".join(what.replace(f"{root}/", "").split())[:LONGEST_FAULT]
     return Record(
         trial=trial,
@@ -263,120 +243,72 @@ def malformed(trial: str, root: Path, source: str, fault: Exception) -> Record:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelSpec:
-    """Force and clock of a record by the manifest, as plain values.
+def names_of(campaign: Campaign, trial: str) -> tuple[str, ...]:
+    """Columns of force and clock (if any) of one trial, whose id may be part of them."""
+    channels = campaign.records.force, campaign.records.time
+    return tuple(c.column.replace(MARK, trial) for c in channels if c is not None)
 
-    Lift in N is ``factor * (number - zero)``; the clock's numbers times `tick` are seconds. The
-    rate of a file must agree with `rate_Hz`.
+
+def record_of(
+    campaign: Campaign, contents: Contents, trial: str, where: str, source: str
+) -> Record:
+    """The record of one trial from the channels of its file; `InputRefused` where one is not there,
+    or contradicts the manifest's unit or rate.
     """
-
-    column: str
-    unit: str
-    factor: float
-    zero: float
-    clock: str | None
-    clock_unit: str
-    tick: float
-    rate_Hz: float | None
-    dialect: RecordsDialect
-
-    @classmethod
-    def from_manifest(cls, campaign: Campaign) -> Self:
-        """The channels of a campaign's manifest."""
-        force, clock = campaign.records.force, campaign.records.time
-        # by the manifest's own check
-        assert force is not None
-        factor, zero = force.linear()
-        dialect = campaign.records.dialect
-        return cls(
-            column=force.column,
-            unit=force.unit,
-            factor=factor,
-            zero=zero,
-            clock=clock.column if clock else None,
-            clock_unit=clock.unit if clock else "s",
-            tick=units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0,
-            rate_Hz=None if dialect.get("ignore_rate") else campaign.load_cell.sample_rate,
-            dialect=dict(dialect),
-        )
-
-    def names(self, trial: str) -> tuple[str, ...]:
-        """Columns of force and clock (if any) of one trial, whose id may be part of them."""
-        return tuple(
-            column.replace(MARK, trial)
-            for column in (self.column, self.clock)
-            if column is not None
-        )
-
-    def lift_N(self, numbers: FloatArray) -> FloatArray:
-        """Lift from the force channel's numbers, in an array of its own."""
-        # damaged numbers may be anything
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self.factor * (numbers - self.zero if self.zero else numbers)
-
-    def record(self, contents: Contents, trial: str, where: str, source: str) -> Record:
-        """The record of one trial from the channels of its file; `InputRefused` where one is not
-        there, or contradicts the manifest's unit or rate.
-        """
-        if not contents.channels and {"EMPTY", "NO_DATA"} & set(contents.codes):
-            return Record(trial=trial, source=source, codes=contents.codes, notes=contents.notes)
-        column, *clocks = self.names(trial)
-        channel = pick(contents.channels, column, "records.force.column", where)
-        _require_unit(channel, self.unit, "force", "records.force.unit", where)
-        rate, stated = channel.rate_Hz, self.rate_Hz
-        if rate is not None and stated is not None and abs(rate / stated - 1) > 0.01:
-            raise InputRefused(
-                where,
-                f"says that {channel.name!r} has {rate:.6g} Hz, the manifest says {stated:g} Hz",
-                "correct [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
-                " ignore_rate = true } under [records]",
-            )
-        time_s = None
-        for name in clocks:
-            clock = pick(contents.channels, name, "records.time.column", where)
-            _require_unit(clock, self.clock_unit, "time", "records.time.unit", where)
-            if len(clock.values) != len(channel.values):
-                raise InputRefused(
-                    where,
-                    f"has {len(channel.values)} samples of {channel.name!r} and"
-                    f" {len(clock.values)} of {clock.name!r}",
-                    "under [records] time, name the clock of the force, or none",
-                )
-            # a clock in seconds is not copied
-            time_s = clock.values if self.tick == 1.0 else self.tick * clock.values
-        return Record(
-            trial=trial,
-            force_N=self.lift_N(channel.values),
-            time_s=time_s,
-            source=source,
-            codes=contents.codes if len(channel.values) else (*contents.codes, "NO_DATA"),
-            notes=contents.notes,
-        )
-
-
-def _require_unit(channel: Channel, unit: str, dimension: str, key: str, where: str) -> None:
-    """Refuse a manifest that contradicts the unit in the file, if that is one known."""
-    if not channel.unit or unit == "count":
-        return
-    written = AS_FORCE.get(channel.unit, channel.unit) if dimension == "force" else channel.unit
-    try:
-        stated, given = units.to_si(written, dimension, key), units.to_si(unit, dimension, key)
-    except ManifestError:
-        if channel.unit in UNITS.values():
-            raise InputRefused(
-                where,
-                f"states {channel.name!r} in {channel.unit}, the manifest says {unit}",
-                f"name another column, or correct {key}",
-            ) from None
-        return
-    if abs(stated[0] - given[0]) > 1e-6 * abs(given[0]):
+    codes, notes = contents.codes, contents.notes
+    if not contents.channels and {"EMPTY", "NO_DATA"} & set(codes):
+        return Record(trial=trial, source=source, codes=codes, notes=notes)
+    force, clock, stated = campaign.records.force, campaign.records.time, campaign.load_cell
+    # by the manifest's own check
+    assert force is not None
+    column, *clocks = names_of(campaign, trial)
+    channel = _channel(contents, "force", column, force.unit, where)
+    rate = None if campaign.records.dialect.get("ignore_rate") else channel.rate_Hz
+    if rate and stated.sample_rate and abs(rate / stated.sample_rate - 1) > 0.01:
         raise InputRefused(
             where,
-            f"states {channel.name!r} in {channel.unit}, the manifest says {unit}: a factor of"
-            f" {stated[0] / given[0]:.4g}",
-            f'{key} = "{written}"?',
+            f"says that {channel.name!r} has {rate:.6g} Hz, the manifest says"
+            f" {stated.sample_rate:g} Hz",
+            "correct [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
+            " ignore_rate = true } under [records]",
         )
+    factor, zero = force.linear()
+    # damaged numbers may be anything
+    with np.errstate(over="ignore", invalid="ignore"):
+        lift = factor * (channel.values - zero if zero else channel.values)
+    time_s = None
+    if clock is not None:
+        times = _channel(contents, "time", clocks[0], clock.unit, where)
+        if len(times.values) != len(lift):
+            what = f"has {len(lift)} samples of {channel.name!r} and {len(times.values)} of"
+            remedy = "under [records] time, name the clock of the force, or none"
+            raise InputRefused(where, f"{what} {times.name!r}", remedy)
+        tick = units.to_si(clock.unit, "time", "records.time.unit")[0]
+        # a clock in seconds is not copied
+        time_s = times.values if tick == 1.0 else tick * times.values
+    codes = codes if len(lift) else (*codes, "NO_DATA")
+    return Record(trial=trial, force_N=lift, time_s=time_s, source=source, codes=codes, notes=notes)
+
+
+def _channel(contents: Contents, quantity: str, column: str, unit: str, where: str) -> Channel:
+    """The channel of force or time; refuses a manifest that contradicts the unit in the file."""
+    key = f"records.{quantity}"
+    channel = pick(contents.channels, column, f"{key}.column", where)
+    if not channel.unit or unit == "count":
+        return channel
+    written = AS_FORCE.get(channel.unit, channel.unit) if quantity == "force" else channel.unit
+    says = f"states {channel.name!r} in {channel.unit}, the manifest says {unit}"
+    try:
+        stated, given = (units.to_si(u, quantity, f"{key}.unit")[0] for u in (written, unit))
+    except ManifestError:
+        if channel.unit not in UNITS.values():
+            return channel
+        remedy = f"name another column, or correct {key}.unit"
+        raise InputRefused(where, says, remedy) from None
+    if abs(stated - given) > 1e-6 * abs(given):
+        factor = f"{says}: a factor of {stated / given:.4g}"
+        raise InputRefused(where, factor, f'{key}.unit = "{written}"?')
+    return channel
 
 
 # ---- readers
@@ -413,17 +345,12 @@ class Reader:
         """The manifest's dialect; `ManifestError` of a key that is unknown or of another type."""
         allowed = {**self.options, "ignore_rate": bool}
         for key, value in dialect.items():
-            if key not in allowed:
+            at, kind = f"records.dialect.{key}", allowed.get(key)
+            if kind is None:
                 listed = f"known to {self.name}: {', '.join(allowed)}"
-                known = did_you_mean(key, allowed) or listed
-                raise ManifestError(f"records.dialect.{key}", "unknown key", known)
-            kind = allowed[key]
+                raise ManifestError(at, "unknown key", did_you_mean(key, allowed) or listed)
             if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-                raise ManifestError(
-                    f"records.dialect.{key}",
-                    f"{value!r} is no {kind.__name__}",
-                    "see docs/formats.md",
-                )
+                raise ManifestError(at, f"{value!r} is no {kind.__name__}", "see docs/formats.md")
         return dialect
 
     def open(self, path: Path, dialect: RecordsDialect, names: Names = None) -> Contents:
@@ -432,17 +359,35 @@ class Reader:
         """
         if self.contents is None:
             raise InputRefused(str(path), f"is no record: {self.name!r} has none", "")
-        if self.guarded or files.is_packed(path):
+        if self.guarded or files.packing(path):
             return guarded.run(self.contents, path, dict(dialect), names)
         return self.contents(path, dialect, names)
 
-    def files(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
-        """Every record file there is, checked to be a regular file under `root`; staleness is
-        judged by these.
+    def places(
+        self, campaign: Campaign, root: Path, trials: Sequence[str]
+    ) -> dict[str, tuple[Path, int]]:
+        """File and size in bytes of each trial that has one, a regular file under `root`.
+
+        `ManifestError` where a trial's id is in both files and column, in neither, or no part of a
+        file's name can be it.
         """
         if self.contents is None:
-            return []
-        return [*dict.fromkeys(path for path, _ in self._there(campaign, root, trials).values())]
+            return {}
+        pattern, force = campaign.records.pattern, campaign.records.force
+        in_files = MARK in pattern
+        in_column = not campaign.cuts_records and force is not None and MARK in force.column
+        if in_files == in_column:
+            both = "and the column both say" if in_files else "does not say"
+            raise ManifestError(
+                "records.files",
+                f"{pattern!r} {both} where the trial's id is",
+                'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all'
+                " trials, in force.column",
+            )
+        if in_files:
+            return files.per_trial(root, pattern, trials)
+        path, size = files.inside(root, pattern, "records.files")
+        return {} if size is None else dict.fromkeys(trials, (path, 0))
 
     def plan(
         self, campaign: Campaign, root: Path, trials: Sequence[str]
@@ -451,35 +396,11 @@ class Reader:
         record.
         """
         self.checked_dialect(campaign.records.dialect)
-        if self.contents is None:
-            return [], []
-        there = self._there(campaign, root, trials)
-        marked = campaign.cuts_records or MARK in campaign.records.pattern
-        notes = files.unlisted(campaign, root, trials) if marked else []
+        there, pattern = self.places(campaign, root, trials), campaign.records.pattern
+        notes = []
+        if MARK in pattern:
+            notes = files.unlisted(root, pattern, trials, campaign.trials.file)
         return list(files.pieces(there)), notes
-
-    def _there(
-        self, campaign: Campaign, root: Path, trials: Sequence[str]
-    ) -> dict[str, tuple[Path, int]]:
-        """File and size in bytes of each trial that has one; refuses an id that is in both files
-        and column, or in neither.
-        """
-        if campaign.cuts_records:
-            return files.per_trial(campaign, root, trials)
-        in_files = MARK in campaign.records.pattern
-        in_column = MARK in ChannelSpec.from_manifest(campaign).column
-        if in_files == in_column:
-            both = "and the column both say" if in_files else "does not say"
-            raise ManifestError(
-                "records.files",
-                f"{campaign.records.pattern!r} {both} where the trial's id is",
-                'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all'
-                " trials, in force.column",
-            )
-        if in_files:
-            return files.per_trial(campaign, root, trials)
-        path = files.inside(root, campaign.records.pattern, "records.files")
-        return dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
 
     def read_piece(
         self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False
@@ -487,20 +408,19 @@ class Reader:
         """The piece's records in the plan's order, one in memory at a time; `whole`: with all
         channels of their files.
         """
-        spec = ChannelSpec.from_manifest(campaign)
         for trial, path in zip(piece.trials, piece.paths, strict=True):
-            source = files.source_of(root, path)
+            source, names = files.source_of(root, path), names_of(campaign, trial)
+            contents = Contents(codes=("EMPTY",))
             try:
-                if path.stat().st_size == 0:
-                    contents = Contents(codes=("EMPTY",))
-                else:
-                    contents = self.open(path, spec.dialect, None if whole else spec.names(trial))
-                record = spec.record(contents, trial, str(path), source)
+                if path.stat().st_size:
+                    dialect = campaign.records.dialect
+                    contents = self.open(path, dialect, None if whole else names)
+                record = record_of(campaign, contents, trial, str(path), source)
             except Exception as fault:
                 record = malformed(trial, root, source, fault)
             else:
                 record = replace(record, contents=contents) if whole else record
-                # its channels need not be in memory while the record is reduced
-                del contents
+            # its channels need not be in memory while the record is reduced
+            del contents
             yield record
             del record

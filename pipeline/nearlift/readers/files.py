@@ -9,6 +9,7 @@ import csv
 import errno
 import functools
 import glob
+import gzip
 import io
 import os
 import re
@@ -18,12 +19,9 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from nearlift.errors import InputRefused, ManifestError
-
-if TYPE_CHECKING:
-    from nearlift.campaign.manifest import Campaign
+from nearlift.readers import guarded
 
 #: Placeholder of a trial's id in ``[records] files``.
 MARK = "{trial}"
@@ -58,43 +56,30 @@ class Piece:
 # ---- places
 
 
-def inside(root: Path, relative: str, key: str) -> Path:
-    """The path of a file that a manifest names.
+def inside(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
+    """Path of a file that a manifest names, and its size in bytes: None where there is no file.
 
     `InputRefused` where it leads outside the campaign's folder, by ``..`` or by a symbolic link.
     `InputRefused` also where it exists but is no regular file.
     """
-    return _checked(root, relative, key)[0]
-
-
-def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
-    """The path that `inside` gives, and the file's size: None where there is no file."""
-    path = root / relative
+    path, status = root / relative, None
     # links are followed
-    real, status = os.path.realpath(path), None
+    real, where = os.path.realpath(path), f"{key} = {relative!r}"
     try:
         status = os.stat(path)  # noqa: PTH116 - of many records, pathlib takes longer
     except (FileNotFoundError, NotADirectoryError):
         pass
     except OSError as fault:
         loop = fault.errno == errno.ELOOP
-        raise InputRefused(
-            f"{key} = {relative!r}",
-            "is a loop of symbolic links" if loop else f"cannot be read: {fault}",
-            "put a readable file into the campaign's folder",
-        ) from None
+        what = "is a loop of symbolic links" if loop else f"cannot be read: {fault}"
+        remedy = "put a readable file into the campaign's folder"
+        raise InputRefused(where, what, remedy) from None
     if not real.startswith(_prefix(root.absolute())) or ".." in path.parts[len(root.parts) :]:
-        raise InputRefused(
-            f"{key} = {relative!r}",
-            f"leads outside the campaign's folder, to {real}",
-            "put the file itself into the folder",
-        )
+        what = f"leads outside the campaign's folder, to {real}"
+        raise InputRefused(where, what, "put the file itself into the folder")
     if status is not None and not stat.S_ISREG(status.st_mode):
-        raise InputRefused(
-            str(path),
-            "is not a regular file",
-            "a record is a plain file, no folder, pipe or device",
-        )
+        remedy = "a record is a plain file, no folder, pipe or device"
+        raise InputRefused(str(path), "is not a regular file", remedy)
     return path, None if status is None else status.st_size
 
 
@@ -112,29 +97,18 @@ def source_of(root: Path, path: Path) -> str:
     return inside if os.sep == "/" else inside.replace(os.sep, "/")
 
 
-def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
-    """File and size in bytes of each trial that has one, by the manifest's pattern of one file per
-    trial.
+def per_trial(root: Path, pattern: str, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
+    """File and size in bytes of each trial that has one, by a pattern with ``{trial}`` in it.
 
-    `ManifestError` where the pattern has no ``{trial}``, or a trial's id cannot be part of a file
-    name. `InputRefused` as by `inside`.
+    `ManifestError` where a trial's id cannot be part of a file name. `InputRefused` as by `inside`.
     """
-    pattern = campaign.records.pattern
-    if MARK not in pattern:
-        raise ManifestError(
-            "records.files",
-            f"{pattern!r} does not say where the trial's id is",
-            'write {trial} in it, as in "trials/{trial}.csv"',
-        )
     there: dict[str, tuple[Path, int]] = {}
     for trial in trials:
         if _NOT_IN_NAMES.search(trial) or trial in (".", ".."):
-            raise ManifestError(
-                f"trial {trial!r}",
-                "has an id that cannot be part of a file name",
-                "use letters, digits, '-', '_' and '.'",
-            )
-        path, size = _checked(root, pattern.replace(MARK, trial), "records.files")
+            remedy = "use letters, digits, '-', '_' and '.'"
+            what = "has an id that cannot be part of a file name"
+            raise ManifestError(f"trial {trial!r}", what, remedy)
+        path, size = inside(root, pattern.replace(MARK, trial), "records.files")
         if size is not None:
             there[trial] = path, size
     return there
@@ -152,40 +126,35 @@ def pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
             trials, size = [], 0
 
 
-def _fits(name: str, pattern: str) -> bool:
-    """Whether a name is the pattern with one trial in all its places."""
-    parts = pattern.split(MARK)
-    length, rest = divmod(len(name) - sum(map(len, parts)), len(parts) - 1)
-    trial = name[len(parts[0]) : len(parts[0]) + length]
-    return length > 0 and rest == 0 and pattern.replace(MARK, trial) == name
-
-
-def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> list[str]:
+def unlisted(root: Path, pattern: str, trials: Collection[str], listing: str) -> list[str]:
     """Notes on files among the records that no trial of the schedule names: a row may be lost, or
-    an id mistyped.
+    an id mistyped. `listing` is the schedule itself.
     """
-    pattern, listing = campaign.records.pattern, campaign.trials.file
-    paths = root.glob(glob.escape(pattern).replace(MARK, "*"))
-    there = {name for path in paths if (name := source_of(root, path)) != listing}
+    first, *_ = parts = pattern.split(MARK)
     wanted = {pattern.replace(MARK, trial) for trial in trials}
-    other = sorted(
-        name for name in there - wanted if _fits(name, pattern) and (root / name).is_file()
-    )
-    # a name that differs from a missing one only in case, or in the form of its accents
+    there, other = set(), []
+    for path in root.glob(glob.escape(pattern).replace(MARK, "*")):
+        there.add(name := source_of(root, path))
+        length = (len(name) - sum(map(len, parts))) // (len(parts) - 1)
+        trial = name[len(first) : len(first) + length]
+        # one trial in all its places
+        whole = trial and pattern.replace(MARK, trial) == name
+        if whole and name not in wanted and name != listing and path.is_file():
+            other.append(name)
+    # names that differ from a missing one only in case, or in the form of their accents
     missing = {_folded(name): name for name in wanted - there}
-    notes, rest = [], []
-    for name in other:
-        if (meant := missing.get(_folded(name))) is None:
-            rest.append(name)
-            continue
-        same = unicodedata.normalize("NFC", name) == unicodedata.normalize("NFC", meant)
+    alike = [(missing[_folded(n)], n) for n in sorted(other) if _folded(n) in missing]
+    rest = [n for n in sorted(other) if _folded(n) not in missing]
+    notes = []
+    for name, instead in alike[:MOST_NAMED]:
+        same = unicodedata.normalize("NFC", instead) == unicodedata.normalize("NFC", name)
         how = "in the Unicode form of its accents (NFC, NFD)" if same else "in case"
         notes.append(
-            f"{meant} is missing, but {name} is there, which differs only {how}: rename the file,"
+            f"{name} is missing, but {instead} is there, which differs only {how}: rename the file,"
             " or the id in the schedule"
         )
-    if len(notes) > MOST_NAMED:
-        notes[MOST_NAMED:] = [f"... and {len(notes) - MOST_NAMED} more such files"]
+    if len(alike) > MOST_NAMED:
+        notes.append(f"... and {len(alike) - MOST_NAMED} more such files")
     if rest:
         more = f" and {len(rest) - 1} more are" if len(rest) > 1 else " is"
         notes.append(
@@ -208,29 +177,20 @@ def head_of(path: Path, length: int) -> bytes:
         return file.read(length)
 
 
-def is_packed(path: Path) -> bool:
-    """Whether a file has its text inside; False where it cannot be opened."""
-    try:
-        head = head_of(path, 4)
-    except OSError:
-        return False
-    return head.startswith(GZIP) or is_sheet(head, path.name)
-
-
-def is_sheet(head: bytes, name: str) -> bool:
-    """Whether a file with these first bytes and this name is a spreadsheet."""
-    return head.startswith(SHEETS) and name.casefold().endswith(SHEET_NAMES)
+def packing(path: Path) -> str:
+    """The packing of a file's text, "gzip" or "sheet"; empty where it is plain."""
+    head = head_of(path, 4)
+    if head.startswith(SHEETS) and path.name.casefold().endswith(SHEET_NAMES):
+        return "sheet"
+    return "gzip" if head.startswith(GZIP) else ""
 
 
 def content_of(path: Path, length: int | None = None) -> bytes:
-    """The bytes of the file, or of the text inside; only the first ones where a length is given.
-    `InputRefused` of a damaged or too long one.
+    """The bytes of the file, or of the text inside, unpacked in the guarded process; only the first
+    ones where a length is given. `InputRefused` of a damaged or too long one.
     """
-    head = head_of(path, 4)
-    if head.startswith(GZIP):
-        return _unpacked(path, length)
-    if is_sheet(head, path.name):
-        return sheet_of(path)[0].encode()
+    if packed := packing(path):
+        return guarded.run(unpacked, path, packed, length)
     if length is not None:
         return head_of(path, length)
     if (size := path.stat().st_size) > MOST_BYTES:
@@ -239,26 +199,20 @@ def content_of(path: Path, length: int | None = None) -> bytes:
     return path.read_bytes()
 
 
-def _unpacked(path: Path, length: int | None) -> bytes:
-    """The text in a gzip file."""
-    import gzip
-
+def unpacked(path: Path, packed: str, length: int | None) -> bytes:
+    """The text in a gzip file, or the first sheet as CSV."""
+    if packed == "sheet":
+        return sheet_of(path)[0].encode()
     most = MOST_UNPACKED if length is None else length
     try:
         with gzip.open(path) as file:
             content = file.read(most + (length is None))
     except (EOFError, zlib.error, gzip.BadGzipFile) as fault:
-        raise InputRefused(
-            str(path),
-            f"is compressed, and damaged or cut off: {fault}",
-            "copy it again from the rig",
-        ) from None
+        what = f"is compressed, and damaged or cut off: {fault}"
+        raise InputRefused(str(path), what, "copy it again from the rig") from None
     if len(content) > most:
-        raise InputRefused(
-            str(path),
-            f"is compressed, and holds more than {most >> 20} MB",
-            "unpack it, and cut it into records on the rig",
-        )
+        what = f"is compressed, and holds more than {most >> 20} MB"
+        raise InputRefused(str(path), what, "unpack it, and cut it into records on the rig")
     return content
 
 
@@ -266,17 +220,15 @@ def sheet_of(path: Path) -> tuple[str, list[str]]:
     """The first sheet of a spreadsheet as CSV, and the names of all sheets."""
     import python_calamine
 
+    rows: Sequence[Sequence[object]] = ()
     try:
         book = python_calamine.load_workbook(str(path))
-        rows: Sequence[Sequence[object]] = (
-            book.get_sheet_by_index(0).to_python() if book.sheet_names else ()
-        )
+        if book.sheet_names:
+            rows = book.get_sheet_by_index(0).to_python()
     except python_calamine.CalamineError as fault:
-        raise InputRefused(
-            str(path),
-            f"cannot be read as a spreadsheet: {fault}",
-            "save it again, or save the sheet as CSV",
-        ) from None
+        what = f"cannot be read as a spreadsheet: {fault}"
+        remedy = "save it again, or save the sheet as CSV"
+        raise InputRefused(str(path), what, remedy) from None
     if not book.sheet_names:
         raise InputRefused(str(path), "holds no sheet", "save the table as CSV")
     out = io.StringIO()

@@ -19,14 +19,15 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
 from nearlift.readers.base import (
     Channel,
-    ChannelSpec,
     Contents,
     Names,
     Reader,
     Record,
     RecordsDialect,
+    names_of,
+    record_of,
 )
-from nearlift.readers.files import Piece, inside, source_of
+from nearlift.readers.files import MARK, Piece, inside, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.table import floats
 from nearlift.readers.text import with_rate
@@ -179,25 +180,27 @@ def trials(path: Path) -> list[str]:
 class LongTable(Reader):
     """The reader of one table for all trials."""
 
-    def files(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
-        """The table; `InputRefused` where it is not there."""
+    def places(
+        self, campaign: Campaign, root: Path, trials: Sequence[str]
+    ) -> dict[str, tuple[Path, int]]:
+        """The table, for every trial; `InputRefused` where it is not there."""
         pattern = campaign.records.pattern
         if "{" in pattern:
             remedy = 'reader = "parquet" takes one long table with a column "trial"'
             raise ManifestError("records.files", f"{pattern!r} is a pattern", remedy)
-        path = inside(root, pattern, "records.files")
-        if not path.is_file():
+        path, size = inside(root, pattern, "records.files")
+        if size is None:
             remedy = "name the table under [records] files = ..."
             raise InputRefused(str(path), "is missing", remedy)
-        return [path]
+        return dict.fromkeys(trials, (path, size))
 
     def plan(
         self, campaign: Campaign, root: Path, trials: Sequence[str]
     ) -> tuple[list[Piece], list[str]]:
         """Stretches of trials, each of at least `ROWS` rows."""
-        (path,), spec = self.files(campaign, root, trials), ChannelSpec.from_manifest(campaign)
-        columns = {"records.force.column": spec.column}
-        columns |= {"records.time.column": spec.clock} if spec.clock is not None else {}
+        ((path, _),) = {*self.places(campaign, root, trials).values()}
+        keys = ("records.force.column", "records.time.column")
+        columns = dict(zip(keys, names_of(campaign, MARK), strict=False))
         held, listed = _asked(spans, path, columns), set(trials)
         other = [name for name in held if name not in listed]
         notes = [
@@ -218,17 +221,15 @@ class LongTable(Reader):
         self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False
     ) -> Iterator[Record]:
         """The piece's records in the plan's order."""
-        path, spec = piece.paths[0], ChannelSpec.from_manifest(campaign)
-        first = piece.rows[0][0]
-        columns = _asked(rows, path, spec.names(""), first, piece.rows[-1][1])
+        path, names, first = piece.paths[0], names_of(campaign, MARK), piece.rows[0][0]
+        columns = _asked(rows, path, names, first, piece.rows[-1][1])
         for trial, (start, end) in zip(piece.trials, piece.rows, strict=True):
-            force, *clock = (column[start - first : end - first] for column in columns)
-            yield Record(
-                trial=trial,
-                force_N=spec.lift_N(force),
-                time_s=spec.tick * clock[0] if clock else None,
-                source=source_of(root, path),
+            channels = tuple(
+                Channel(name=name, values=values[start - first : end - first])
+                for name, values in zip(names, columns, strict=True)
             )
+            contents = Contents(channels=channels)
+            yield record_of(campaign, contents, trial, str(path), source_of(root, path))
 
 
 READER = LongTable(

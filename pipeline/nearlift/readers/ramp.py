@@ -16,9 +16,9 @@ from nearlift.declare import FloatArray
 from nearlift.readers.base import (
     AS_FORCE,
     Channel,
-    ChannelSpec,
     Reader,
     fold,
+    names_of,
     pick,
     split_unit,
 )
@@ -101,9 +101,9 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
     `NearliftError` where it cannot be read, or its reader knows nothing of a record's other
     columns.
     """
-    reader, spec = cutting(reader), ChannelSpec.from_manifest(campaign)
+    reader = cutting(reader)
     contents = reader.open(path, reader.checked_dialect(campaign.records.dialect))
-    column, *clocks = spec.names(trial)
+    column, *clocks = names_of(campaign, trial)
     force = pick(contents.channels, column, "records.force.column", str(path))
     head = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
     channels = [

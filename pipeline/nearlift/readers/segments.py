@@ -19,13 +19,13 @@ from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
 from nearlift.readers.base import (
-    ChannelSpec,
     Reader,
     Record,
     RecordsDialect,
+    names_of,
     pick,
 )
-from nearlift.readers.files import Piece, is_packed
+from nearlift.readers.files import Piece, packing
 from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
@@ -149,7 +149,7 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
         level = {p: _middle("throttle", values[p.start : p.end]) for p in spans.pieces}
         lowest = min(level.values(), default=np.nan)
         zeros = [p for p in spans.pieces if level[p] <= lowest + said.hold]
-    names = ChannelSpec.from_manifest(campaign).names(whole.trial)
+    names = names_of(campaign, whole.trial)
     known = {id(pick(channels, n, "", "")) for n in names} | {id(c) for c, _ in bring.values()}
     further = [c for c in channels if id(c) not in known and len(c.values) == len(whole.force_N)]
     time_s, kept = _new_samples(whole)
@@ -215,7 +215,7 @@ def _edges(
     if isinstance(only, str):
         words = (
             guarded.run(words_of, path, dialect, said.by)
-            if is_packed(path)
+            if packing(path)
             else words_of(path, dialect, said.by)
         )[:n]
         if only not in words:

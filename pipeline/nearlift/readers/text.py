@@ -47,7 +47,7 @@ from nearlift.readers.dialect import (
     refuse_thousands,
     sniff,
 )
-from nearlift.readers.files import content_of, is_sheet, sheet_of
+from nearlift.readers.files import SHEET_NAMES, SHEETS, content_of, sheet_of
 from nearlift.readers.table import CORRECT_LINE, Layout, Lines, parse
 
 #: Bytes that the sniffer sees.
@@ -324,7 +324,7 @@ SHEET = Reader(
     name="sheet",
     title="spreadsheet (xlsx, xls, ods): its first sheet; one file per trial",
     contents=sheet_contents,
-    recognises=is_sheet,
+    recognises=lambda head, name: head.startswith(SHEETS) and name.endswith(SHEET_NAMES),
     options={"skip": int, "columns": list, "units": list, "ignore": list},
     guarded=True,
 )

@@ -128,7 +128,7 @@ def files_of(root: Path, case: PivCase) -> list[Path]:
     if not names:
         what = f"no file matches {case.files!r} in {root}"
         raise ManifestError(where, what, 'write a pattern such as "piv/ground-3.4/*.txt"')
-    return [inside(root, name, where) for name in sorted(names, key=_natural)]
+    return [inside(root, name, where)[0] for name in sorted(names, key=_natural)]
 
 
 def _natural(name: str) -> list[str | int]:

@@ -88,9 +88,9 @@ def inputs(root: Path, campaign: Campaign) -> Inputs:
     from nearlift.schedule import read_schedule, schedule_file
 
     trials = list(read_schedule(campaign, root).trial)
-    records = readers.reader(campaign.records.reader).files(campaign, root, trials)
-    files = [source_of(root, path) for path in (schedule_file(campaign, root), *records)]
-    return {file: (file,) for file in files}
+    records = readers.reader(campaign.records.reader).places(campaign, root, trials).values()
+    paths = [schedule_file(campaign, root), *dict.fromkeys(path for path, _ in records)]
+    return {file: (file,) for file in (source_of(root, path) for path in paths)}
 
 
 def run(job: Job) -> Outcome:
@@ -102,7 +102,7 @@ def run(job: Job) -> Outcome:
         The schedule or the records are refused, no trial has a record, or none is good. Nothing is
         written then.
     """
-    from nearlift.readers.trials import Recorded, reduced_trials
+    from nearlift.readers.rows import Recorded, reduced_trials
     from nearlift.run.workers import ordered
 
     recorded = Recorded(
@@ -113,9 +113,9 @@ def run(job: Job) -> Outcome:
         spread=partial(ordered, job.executor),
         say=job.say,
     )
-    reduced = reduced_trials(recorded)
-    job.write(TRIALS, reduced.table)
-    return Outcome(rejected=reduced.rejected, notes=reduced.notes)
+    table, rejected, notes = reduced_trials(recorded)
+    job.write(TRIALS, table)
+    return Outcome(rejected=tuple(rejected), notes=tuple(notes))
 
 
 STAGE = Stage(
