@@ -129,9 +129,7 @@ def bytes_to_rows(
         assert not whole["codes"]
         assert len(rows) == len(contents)
         for kind, row in zip(kinds, rows, strict=True):
-            found.setdefault((name, kind), Counter())[
-                fate(row, whole["lift_N"], len(FORCE))
-            ] += 1
+            found.setdefault((name, kind), Counter())[fate(row, whole["lift_N"], len(FORCE))] += 1
     return found
 
 

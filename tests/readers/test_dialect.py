@@ -16,7 +16,7 @@ from nearlift.readers.dialect import Dialect, sniff
 def layout(content: str | bytes, said: Dialect = dialect.UNSTATED) -> table.Layout:
     whole = content if isinstance(content, bytes) else content.encode()
     plain = text.plain(whole, "f.txt", said)
-    return sniff(plain.lines(), "f.txt", plain.said)
+    return sniff(plain.lines, "f.txt", plain.said)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nearlift.reduction.quality import CODES, faulty, joined, reason, rejected
+from nearlift.reduction.quality import CODES, EXCLUDED, joined, reason, rejected
 
 
 def test_capitals_reject() -> None:
@@ -39,8 +39,5 @@ def test_the_manifests_reason_stands_behind_its_exclusion_and_a_fault_stays_a_fa
         "EXCLUDED (excluded by the manifest): cable touched"
     )
     assert reason("EXCLUDED") == "EXCLUDED (excluded by the manifest)"
-    assert faulty(np.array(["EXCLUDED", "STUCK EXCLUDED", "drift"], dtype=object)).tolist() == [
-        False,
-        True,
-        False,
-    ]
+    column = np.array(["EXCLUDED", "STUCK EXCLUDED", "drift"], dtype=object)
+    assert rejected(column, EXCLUDED).tolist() == [False, True, False]

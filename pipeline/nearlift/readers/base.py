@@ -14,6 +14,8 @@ from __future__ import annotations
 import difflib
 import functools
 import importlib
+import itertools
+import re
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,6 +39,9 @@ if TYPE_CHECKING:
 RecordsDialect = Mapping[str, object]
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
+_NOT_IN_NAMES = re.compile(r"[/\\\0]")
+#: Files of one task, and bytes, whatever is reached first.
+FILES_PER_PIECE, BYTES_PER_PIECE = 32, 64 << 20
 #: Names of the channels wanted; None for all.
 Names = tuple[str, ...] | None
 #: Units by their own names, in letters of any size.
@@ -384,10 +389,19 @@ class Reader:
                 'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all'
                 " trials, in force.column",
             )
-        if in_files:
-            return files.per_trial(root, pattern, trials)
-        path, size = files.inside(root, pattern, "records.files")
-        return {} if size is None else dict.fromkeys(trials, (path, 0))
+        if in_column:
+            path, size = files.inside(root, pattern, "records.files")
+            return {} if size is None else dict.fromkeys(trials, (path, 0))
+        there: dict[str, tuple[Path, int]] = {}
+        for trial in trials:
+            if _NOT_IN_NAMES.search(trial) or trial in (".", ".."):
+                remedy = "use letters, digits, '-', '_' and '.'"
+                what = "has an id that cannot be part of a file name"
+                raise ManifestError(f"trial {trial!r}", what, remedy)
+            path, size = files.inside(root, pattern.replace(MARK, trial), "records.files")
+            if size is not None:
+                there[trial] = path, size
+        return there
 
     def plan(
         self, campaign: Campaign, root: Path, trials: Sequence[str]
@@ -397,10 +411,17 @@ class Reader:
         """
         self.checked_dialect(campaign.records.dialect)
         there, pattern = self.places(campaign, root, trials), campaign.records.pattern
-        notes = []
-        if MARK in pattern:
-            notes = files.unlisted(root, pattern, trials, campaign.trials.file)
-        return list(files.pieces(there)), notes
+        names, paths = tuple(there), tuple(path for path, _ in there.values())
+        ends, size = [0], 0
+        for i, (_, length) in enumerate(there.values(), start=1):
+            size += length
+            if i - ends[-1] == FILES_PER_PIECE or size > BYTES_PER_PIECE or i == len(there):
+                ends.append(i)
+                size = 0
+        pieces = [Piece(trials=names[a:b], paths=paths[a:b]) for a, b in itertools.pairwise(ends)]
+        marked = MARK in pattern
+        notes = files.unlisted(root, pattern, trials, campaign.trials.file) if marked else []
+        return pieces, notes
 
     def read_piece(
         self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False

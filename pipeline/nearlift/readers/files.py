@@ -12,22 +12,18 @@ import glob
 import gzip
 import io
 import os
-import re
 import stat
 import unicodedata
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused
 from nearlift.readers import guarded
 
 #: Placeholder of a trial's id in ``[records] files``.
 MARK = "{trial}"
-_NOT_IN_NAMES = re.compile(r"[/\\\0]")
-#: Files of one task, and bytes, whatever is reached first.
-FILES_PER_PIECE, BYTES_PER_PIECE = 32, 64 << 20
 #: Missing files named one by one in a note.
 MOST_NAMED = 5
 GZIP = b"\x1f\x8b"
@@ -97,35 +93,6 @@ def source_of(root: Path, path: Path) -> str:
     return inside if os.sep == "/" else inside.replace(os.sep, "/")
 
 
-def per_trial(root: Path, pattern: str, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
-    """File and size in bytes of each trial that has one, by a pattern with ``{trial}`` in it.
-
-    `ManifestError` where a trial's id cannot be part of a file name. `InputRefused` as by `inside`.
-    """
-    there: dict[str, tuple[Path, int]] = {}
-    for trial in trials:
-        if _NOT_IN_NAMES.search(trial) or trial in (".", ".."):
-            remedy = "use letters, digits, '-', '_' and '.'"
-            what = "has an id that cannot be part of a file name"
-            raise ManifestError(f"trial {trial!r}", what, remedy)
-        path, size = inside(root, pattern.replace(MARK, trial), "records.files")
-        if size is not None:
-            there[trial] = path, size
-    return there
-
-
-def pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
-    """Tasks of some files each, from path and size in bytes of every trial's."""
-    trials: list[str] = []
-    size = 0
-    for i, (trial, (_, length)) in enumerate(there.items(), start=1):
-        trials.append(trial)
-        size += length
-        if len(trials) == FILES_PER_PIECE or size > BYTES_PER_PIECE or i == len(there):
-            yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials))
-            trials, size = [], 0
-
-
 def unlisted(root: Path, pattern: str, trials: Collection[str], listing: str) -> list[str]:
     """Notes on files among the records that no trial of the schedule names: a row may be lost, or
     an id mistyped. `listing` is the schedule itself.
@@ -179,7 +146,8 @@ def head_of(path: Path, length: int) -> bytes:
 
 def packing(path: Path) -> str:
     """The packing of a file's text, "gzip" or "sheet"; empty where it is plain."""
-    head = head_of(path, 4)
+    with path.open("rb") as file:
+        head = file.read(4)
     if head.startswith(SHEETS) and path.name.casefold().endswith(SHEET_NAMES):
         return "sheet"
     return "gzip" if head.startswith(GZIP) else ""

@@ -242,8 +242,6 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
     notes, sweeps = list(schedule.notes), list[str]()
-    if not campaign.cuts_records:
-        _require_known(excluded, schedule.trial.tolist())
     if reader.contents is None:
         listing = source_of(root, schedule_file(campaign, root))
         sha256 = digest_of(root, listing, dict(recorded.digests))
@@ -257,11 +255,7 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
             for name, value in MISSING.items()
             if name != "codes"
         }
-        if campaign.cuts_records:
-            # a whole record may be left out as well
-            records = schedule.covariates[RECORD_COLUMN].tolist()
-            _require_known(excluded, [*schedule.trial.tolist(), *records])
-        else:
+        if not campaign.cuts_records:
             del columns["u_zero_N"]
             sweeps = _mark_sweeps(recorded, reader, schedule, columns, codes)
         if cell.tare == "none":
@@ -286,7 +280,7 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
         raise _all_rejected(recorded, table, sweeps)
     rejected = [
         (str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i]))
-        for i in np.flatnonzero(quality.faulty(table["quality"]))
+        for i in np.flatnonzero(quality.rejected(table["quality"], quality.EXCLUDED))
     ]
     return table, rejected, notes
 
@@ -321,6 +315,17 @@ def _table(
         for k in np.flatnonzero(lost).tolist():
             codes[k].append("HEIGHT")
     excluded, fault = campaign.quality.exclude, columns["fault"]
+    # a whole record may be left out as well
+    ids = [*schedule.trial.tolist(), *owners]
+    for trial in sorted(excluded.keys() - {*ids}):
+        near = difflib.get_close_matches(trial, ids, n=3)
+        raise ManifestError(
+            "quality.exclude",
+            f"no trial of the schedule is called {trial!r}",
+            f"did you mean {', '.join(map(repr, near))}?"
+            if near
+            else f"the schedule's first is {ids[0]!r}",
+        )
     for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
         if (named := trial if trial in excluded else record) in excluded:
             codes[i].append(quality.EXCLUDED)
@@ -335,16 +340,6 @@ def _table(
         **schedule.covariates,
     }
     return table, notes
-
-
-def _require_known(exclude: Mapping[str, str], ids: list[str]) -> None:
-    """Refuse a manifest that excludes a trial that is not in the schedule; propose ids like it."""
-    for trial in sorted(exclude.keys() - {*ids}):
-        near = difflib.get_close_matches(trial, ids, n=3)
-        remedy = f"did you mean {', '.join(map(repr, near))}?"
-        what = f"no trial of the schedule is called {trial!r}"
-        first = f"the schedule's first is {ids[0]!r}"
-        raise ManifestError("quality.exclude", what, remedy if near else first)
 
 
 def _from_records(

@@ -8,6 +8,7 @@ the first bad line. Both give the bits of Python's `float`.
 from __future__ import annotations
 
 import csv
+import functools
 import io
 import json
 import math
@@ -163,7 +164,7 @@ class Layout:
             )
         return row
 
-    @property
+    @functools.cached_property
     def spoken(self) -> str:
         """The dialect in words; empty for plain CSV."""
         parts = []

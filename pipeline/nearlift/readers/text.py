@@ -52,8 +52,8 @@ from nearlift.readers.table import CORRECT_LINE, Layout, Lines, parse
 
 #: Bytes that the sniffer sees.
 HEAD = 1 << 15
-#: Layouts of earlier files, by the dialect stated and the bytes above the first row.
-_earlier: dict[tuple[Dialect, bytes], Layout] = {}
+#: Layouts of earlier files, by dialect stated, encoding, and the bytes above the first row.
+_earlier: dict[tuple[Dialect, str, bytes], Layout] = {}
 MOST_KEPT = 8
 #: Names of columns that hold times.
 CALLED_TIME = ("time", "timestamp", "time of day", "datetime", "clock", "zeit", "uhrzeit")
@@ -63,19 +63,15 @@ CALLED_TIME = ("time", "timestamp", "time of day", "datetime", "clock", "zeit", 
 class Plain:
     """Whole lines of a text in UTF-8 with line feeds, one row to a line.
 
-    `said` is the part of its dialect that is stated and not dealt with, `cut` whether the end of a
-    last line is missing.
+    `lines` are those that the sniffer sees, `said` the part of the dialect that is stated and not
+    dealt with. `cut`: the end of a last line is missing.
     """
 
     body: bytes
+    lines: list[str]
     said: Dialect
     encoding: str
     cut: bool
-
-    def lines(self) -> list[str]:
-        """The whole lines that the sniffer sees."""
-        head = self.body[:HEAD]
-        return head[: head.rfind(b"\n") + 1].decode("utf-8", "replace").split("\n")[:-1]
 
 
 def plain(content: bytes, where: str, said: Dialect) -> Plain:
@@ -108,7 +104,9 @@ def plain(content: bytes, where: str, said: Dialect) -> Plain:
         if said.labels:
             lines, said = _without_labels(lines, where, said)
         body = "".join(f"{line}\n" for line in lines).encode()
-    return Plain(body=body, said=said, encoding=encoding, cut=cut)
+    head = body[:HEAD].rpartition(b"\n")[0].decode("utf-8", "replace")
+    lines = head.split("\n") if body else []
+    return Plain(body=body, lines=lines, said=said, encoding=encoding, cut=cut)
 
 
 def _without_labels(lines: Sequence[str], where: str, said: Dialect) -> tuple[list[str], Dialect]:
@@ -173,46 +171,31 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
     if not content[:HEAD].strip(b"\0"):
         return Contents(kind="text", codes=("EMPTY",))
     text = plain(content, where, said)
-    if (layout := _known(text, where)) is not None:
-        # this file may be of another dialect; if not, it is refused again
-        with contextlib.suppress(InputRefused):
-            return by_layout(text, layout, names, where)
+    for (stated, encoding, top), layout in list(_earlier.items()):
+        known = (stated, encoding) == (text.said, text.encoding) and text.body.startswith(top)
+        cells = _cells(text.body[len(top) :], layout) if known else []
+        # numbers in the same columns
+        if any(cells) and all(
+            (layout.value(cell) is None) == (i in layout.texts and cell != "")
+            for i, cell in enumerate(cells)
+        ):
+            # this file may be of another dialect; if not, it is refused again
+            with contextlib.suppress(InputRefused):
+                if layout.decimal == ",":
+                    refuse_thousands(layout, text.lines, where, text.said)
+                return by_layout(text, layout, names, where)
     try:
-        layout = _layout(text, where, names)
+        layout = sniff(text.lines, where, text.said, names)
     except NoRows:
         if text.body.count(b"\n") > 2:
             raise
         return Contents(kind="text", codes=("NO_DATA", *["truncated"] * text.cut))
+    layout = replace(layout, encoding=text.encoding)
     read = by_layout(text, layout, names, where)
     if len(_earlier) < MOST_KEPT:
-        _earlier[text.said, text.body[: _start(text, layout)]] = layout
+        top = text.body.removesuffix(text.body.split(b"\n", layout.first - 1)[-1])
+        _earlier[text.said, text.encoding, top] = layout
     return read
-
-
-def _layout(text: Plain, where: str, names: Names = None) -> Layout:
-    return replace(sniff(text.lines(), where, text.said, names), encoding=text.encoding)
-
-
-def _start(text: Plain, layout: Layout) -> int:
-    """Place of the first row."""
-    start = 0
-    for _ in range(layout.first - 1):
-        start = text.body.find(b"\n", start) + 1 or len(text.body)
-    return start
-
-
-def _known(text: Plain, where: str) -> Layout | None:
-    """The layout of an earlier file that began alike, with numbers in the same columns."""
-    for (stated, top), layout in list(_earlier.items()):
-        if stated == text.said and text.encoding == layout.encoding and text.body.startswith(top):
-            cells = _cells(text.body[len(top) :], layout)
-            if any(cells) and all(
-                (layout.value(cell) is None) == (i in layout.texts and cell != "")
-                for i, cell in enumerate(cells)
-            ):
-                refuse_thousands(layout, text.lines(), where, text.said)
-                return layout
-    return None
 
 
 def _cells(rows: bytes, layout: Layout) -> list[str]:
@@ -224,7 +207,8 @@ def _cells(rows: bytes, layout: Layout) -> list[str]:
 
 def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents:
     """The channels of a text in a known layout."""
-    rows = Lines(body=text.body[_start(text, layout) :], where=where, line=layout.first)
+    body = text.body.split(b"\n", layout.first - 1)[-1]
+    rows = Lines(body=body, where=where, line=layout.first)
     numbers, clocks, notes = _chosen(layout, names, rows)
     arrays, times = parse(rows, layout, numbers, clocks)
     columns = dict(zip(numbers, arrays, strict=True))
@@ -281,7 +265,7 @@ def _chosen(layout: Layout, names: Names, rows: Lines) -> tuple[list[int], list[
 def cells_of(content: bytes, where: str, dialect: RecordsDialect) -> tuple[Layout, list[list[str]]]:
     """The layout of a text and the cells of its rows; `InputRefused` where no dialect fits."""
     text = plain(content, where, given(dialect))
-    layout = _layout(text, where)
+    layout = sniff(text.lines, where, text.said)
     rows = text.body.decode("utf-8", "replace").split("\n")[layout.first - 1 :]
     kept = [(i, line) for i, line in enumerate(rows, layout.first) if line.strip()]
     return layout, [layout.row(line, f"{where}, line {i}") for i, line in kept]

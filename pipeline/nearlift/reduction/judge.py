@@ -6,7 +6,7 @@ far lift that does not rise with throttle is flagged and kept: it may be the bat
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from nearlift import units
 from nearlift.campaign.manifest import Campaign
-from nearlift.declare import BoolArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import outliers, quality
 from nearlift.reduction.quality import rejected
@@ -40,6 +39,8 @@ FEWEST_TO_REPEAT = 5
 WORST_CELL = 0.05
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
+#: The columns of a cell.
+CELL = ["boundary", "z_hat", "throttle"]
 
 
 def record_codes(
@@ -84,23 +85,21 @@ def check_lengths(columns: Table, codes: Sequence[list[str]], campaign: Campaign
     cell, missing = campaign.load_cell, campaign.quality.missing
     record_s, rate_Hz = cell.record or 0.0, cell.sample_rate or 0.0
     planned = round(record_s * rate_Hz)
-    counts = pd.Series(columns["samples" if planned else "n"])
-    usual = counts[counts > 0].median()
-    if not planned:
-        for i in np.flatnonzero((counts > 0) & (counts < (1 - missing) * usual)).tolist():
-            aborted = counts[i] < 0.5 * usual or "truncated" in codes[i]
-            codes[i].append("SHORT" if aborted else "short")
-        return
-    if abs(usual - planned) > missing * planned:
+    counts = columns["samples" if planned else "n"]
+    here = counts[counts > 0]
+    usual = float(np.median(here)) if len(here) else np.nan
+    if planned and abs(usual - planned) > missing * planned:
         raise InputRefused(
             "load_cell.sample_rate",
-            f"the records hold {usual:.0f} samples (the median of {(counts > 0).sum()}), where"
+            f"the records hold {usual:.0f} samples (the median of {len(here)}), where"
             f" {record_s:g} s at {rate_Hz:g} Hz are {planned}",
             f"is the rate {usual / record_s:.4g} Hz? or correct `record`, which counts the tare,"
             " under [load_cell]",
         )
-    for i in np.flatnonzero((counts > 0) & (counts < planned)).tolist():
-        codes[i].append("SHORT" if counts[i] < (1 - missing) * planned else "short")
+    least = (1 - missing) * (planned or usual)
+    for i in np.flatnonzero((counts > 0) & (counts < (planned or least))).tolist():
+        aborted = counts[i] < 0.5 * usual or "truncated" in codes[i]
+        codes[i].append("SHORT" if (counts[i] < least if planned else aborted) else "short")
 
 
 def judge(table: Table, campaign: Campaign) -> list[str]:
@@ -111,42 +110,55 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
     InputRefused
         No vehicle of this weight has such a lift; see `against_weight`.
     """
-    against_weight(table, campaign)
-    weight = _weight_N(campaign)
+    notes = against_weight(table, campaign)
+    heavy = TOO_HEAVY * campaign.vehicle.mass * campaign.rig.gravity
     with np.errstate(invalid="ignore"):
-        _mark(table, "IMPLAUSIBLE", np.abs(table["lift_N"]) > TOO_HEAVY * weight)
+        _mark(table, "IMPLAUSIBLE", np.flatnonzero(np.abs(table["lift_N"]) > heavy))
     _mark(table, "NO_LIFT", without_lift(table))
     _mark(table, "other_throttle", other_throttle(table))
-    notes = [*odd_weight(table, campaign), *mostly_unsettled(table), *overstated(table, campaign)]
+    notes += campaign_notes(table, campaign)
     for side in dict.fromkeys(table["boundary"].tolist()):
-        notes += _outlying(table, side)
+        # trials that repeats and neighbours contradict
+        mine = np.flatnonzero(
+            (table["boundary"] == side) & ~rejected(table["quality"]) & (table["lift_N"] > 0)
+        )
+        z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
+        seen = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
+        _mark(table, "outlying", mine[seen.outlying])
+        notes += [
+            f"{table['trial'][mine[i]]} lifts {100 * np.expm1(seen.departure[i]):+.3g} % against"
+            f" its repeats and neighbours, {abs(seen.sigmas[i]):.0f} times their scatter: noise"
+            " does not reach so far; look at its record and its row"
+            for i in np.flatnonzero(seen.outlying)
+        ]
     for side, lower, upper, below, above in not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
-        _mark(table, "not_rising", here & (table["z_hat"] == table["z_hat"][here].max()))
+        farthest = table["z_hat"] == table["z_hat"][here].max()
+        _mark(table, "not_rising", np.flatnonzero(here & farthest))
         notes.append(
-            f"{_far_from(side)} the lift does not rise with throttle: {below:.4g} N at"
+            f"{FAR_FROM[side]} the lift does not rise with throttle: {below:.4g} N at"
             f" {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} % (battery, order of the"
             " sweep, or a wrong label?)"
         )
     return notes
 
 
-def _mark(table: Table, name: str, marked: BoolArray) -> None:
-    """Add a quality code to the marked trials."""
-    for i in np.flatnonzero(marked):
+#: Places without a boundary's effect.
+FAR_FROM = {side: f"far from the {side}" for side in ("ground", "ceiling", "sidewall")}
+FAR_FROM["none"] = "in free air"
+
+
+def _mark(table: Table, name: str, rows: Iterable[int]) -> None:
+    """Add a quality code to the trials of these rows."""
+    for i in rows:
         table["quality"][i] = quality.joined([*table["quality"][i].split(), name])
 
 
 def _accepted(table: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
     """Boundary, distance, throttle and lift of the accepted trials with a lift, by their row."""
-    names = ("boundary", "z_hat", "throttle", "lift_N")
     good = ~rejected(table["quality"]) & np.isfinite(table["lift_N"].astype(float))
-    trials = pd.DataFrame({name: table[name][good] for name in names})
+    trials = pd.DataFrame({name: table[name][good] for name in (*CELL, "lift_N")})
     return trials.set_axis(np.flatnonzero(good), axis="index")
-
-
-def _far_from(side: str) -> str:
-    return f"far from the {side}" if side != "none" else "in free air"
 
 
 # ---- against the weight
@@ -162,19 +174,11 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> pd.Series[float]:
     return good[good["z_hat"] == farthest].groupby(["boundary", "throttle"])["lift_N"].median()
 
 
-def _weight_N(campaign: Campaign) -> float:
-    return campaign.vehicle.mass * campaign.rig.gravity
-
-
-def _unit_of(campaign: Campaign) -> tuple[str, str]:
-    """The unit that forces were read in, and its key."""
-    if (series := campaign.records.force) is not None:
-        return series.unit, "records.force.unit"
-    return campaign.trials.units.get("lift", "N"), "trials.units.lift"
-
-
-def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> None:
+def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
     """Refuse forces that cannot belong to a vehicle of this weight (mass times gravity).
+
+    Returns a note where the largest far lift is possible, but unusual: gf for mN is a factor of
+    ten.
 
     Raises
     ------
@@ -182,12 +186,15 @@ def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> Non
         The largest far lift is more than 15 times the weight, or negative. Or it is less than a
         hundredth (a quarter at a throttle of 75 % and more).
     """
-    far, weight, (unit, key) = far_lifts(table), _weight_N(campaign), _unit_of(campaign)
+    far, weight = far_lifts(table), campaign.vehicle.mass * campaign.rig.gravity
     if far.empty:
-        return
+        return []
+    series, key = campaign.records.force, "records.force.unit"
+    unit = series.unit if series is not None else campaign.trials.units.get("lift", "N")
+    key = key if series is not None else "trials.units.lift"
     side, throttle = far.index[int(far.abs().argmax())]
     lift = float(far[side, throttle])
-    place, ratio = f"{_far_from(side)} at {100 * throttle:.0f} % throttle", lift / weight
+    place, ratio = f"{FAR_FROM[side]} at {100 * throttle:.0f} % throttle", lift / weight
     least = WEAKEST if throttle >= HIGH_THROTTLE else 1 / TOO_HEAVY
     if not least <= abs(ratio) <= STRONGEST:
         times = f"{abs(ratio):.3g} times the weight of {weight:.4g} N"
@@ -199,6 +206,10 @@ def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> Non
             " converter's counter wraps, `nearlift inspect FILE` shows the jump"
         )
         raise InputRefused(key, f"{place} the lift is negative ({lift:.4g} N)", remedy)
+    if ODD[0] < ratio < ODD[1]:
+        return []
+    said = f"the largest lift far away is {ratio:.3g} times the weight, which is unusual"
+    return [f"{said}; {_other_unit(lift, weight, unit)} ({key} is {unit})"]
 
 
 def _other_unit(lift: float, weight: float, unit: str) -> str:
@@ -218,70 +229,37 @@ def _other_unit(lift: float, weight: float, unit: str) -> str:
     return f"{asked} or correct [vehicle] mass"
 
 
-def odd_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
-    """A note where the largest far lift is possible, but unusual: gf for mN is a factor of ten."""
-    weight, (unit, key) = _weight_N(campaign), _unit_of(campaign)
-    largest = float(far_lifts(table).max())
-    ratio = largest / weight
-    if not (ratio <= ODD[0] or ratio >= ODD[1]):
-        return []
-    said = f"the largest lift far away is {ratio:.3g} times the weight, which is unusual"
-    return [f"{said}; {_other_unit(largest, weight, unit)} ({key} is {unit})"]
-
-
 # ---- single trials
 
 
-def without_lift(table: Mapping[str, NDArray[Any]]) -> BoolArray:
-    """Trials whose lift is not positive, or under a twentieth of their throttle's median."""
+def without_lift(table: Mapping[str, NDArray[Any]]) -> pd.Index[int]:
+    """Rows of the trials whose lift is not positive, or under a twentieth of their throttle's
+    median.
+    """
     good = _accepted(table)
     usual = good.groupby("throttle")["lift_N"].transform("median")
-    stopped = good[(good["lift_N"] <= 0) | (good["lift_N"] < STOPPED * usual)]
-    return _rows(table, stopped.index)
+    return good.index[(good["lift_N"] <= 0) | (good["lift_N"] < STOPPED * usual)]
 
 
-def other_throttle(table: Mapping[str, NDArray[Any]]) -> BoolArray:
-    """Trials that lift as those of another throttle do at their place: their label may be wrong.
+def other_throttle(table: Mapping[str, NDArray[Any]]) -> list[int]:
+    """Rows of the trials that lift as those of another throttle do at their place: their label may
+    be wrong.
 
     Such a trial is more than six times the usual scatter off its own throttle's median. It is
     within three times of another's. Each throttle has five trials or more. A supply that sags moves
     lift too, but not onto another throttle whose trials repeat well.
     """
-    good, cell = _accepted(table), ["boundary", "z_hat", "throttle"]
-    good = good[good.groupby(cell)["lift_N"].transform("size") >= FEWEST_TO_REPEAT]
-    by_cell = good.groupby(cell)["lift_N"]
-    good["median"] = by_cell.transform("median")
+    good = _accepted(table)
+    good = good[good.groupby(CELL)["lift_N"].transform("size") >= FEWEST_TO_REPEAT]
+    good["median"] = good.groupby(CELL)["lift_N"].transform("median")
     away = (good["lift_N"] - good["median"]).abs()
-    good["scatter"] = SD_PER_MAD * away.groupby([good[name] for name in cell]).transform("median")
-    levels = good.drop_duplicates(cell)[[*cell, "median", "scatter"]]
+    good["scatter"] = SD_PER_MAD * away.groupby([good[name] for name in CELL]).transform("median")
+    levels = good.drop_duplicates(CELL)[[*CELL, "median", "scatter"]]
     odd = good[away > 6 * good["scatter"]].reset_index(names="row")
-    pairs = odd.merge(levels, on=cell[:2], suffixes=("", "_other"))
+    pairs = odd.merge(levels, on=CELL[:2], suffixes=("", "_other"))
     off = (pairs["lift_N"] - pairs["median_other"]).abs()
     near = (pairs["throttle"] != pairs["throttle_other"]) & (off < 3 * pairs["scatter_other"])
-    return _rows(table, pairs.loc[near, "row"])
-
-
-def _rows(table: Mapping[str, NDArray[Any]], rows: Any) -> BoolArray:
-    """Mask of these rows."""
-    mask = np.zeros(len(table["quality"]), dtype=bool)
-    mask[np.asarray(rows, dtype=np.intp)] = True
-    return mask
-
-
-def _outlying(table: Table, side: str) -> list[str]:
-    """Mark the trials that repeats and neighbours contradict, and say of each how far off it is."""
-    mine = np.flatnonzero(
-        (table["boundary"] == side) & ~rejected(table["quality"]) & (table["lift_N"] > 0)
-    )
-    z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
-    seen = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
-    _mark(table, "outlying", _rows(table, mine[seen.outlying]))
-    return [
-        f"{table['trial'][mine[i]]} lifts {100 * np.expm1(seen.departure[i]):+.3g} % against its"
-        f" repeats and neighbours, {abs(seen.sigmas[i]):.0f} times their scatter: noise does not"
-        " reach so far; look at its record and its row"
-        for i in np.flatnonzero(seen.outlying)
-    ]
+    return [*dict.fromkeys(pairs.loc[near, "row"].tolist())]
 
 
 # ---- the campaign
@@ -289,12 +267,11 @@ def _outlying(table: Table, side: str) -> list[str]:
 
 def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float, float]]:
     """Throttles over which far lift does not rise: (boundary, lower, upper, lift below, above)."""
-    falls = []
-    for side, lifts in far_lifts(table).groupby(level="boundary"):
-        levels, values = lifts.index.get_level_values("throttle").tolist(), lifts.tolist()
-        pairs = zip(levels, levels[1:], values, values[1:], strict=False)
-        falls += [(str(side), *pair) for pair in pairs if pair[3] <= pair[2]]
-    return falls
+    far = far_lifts(table).reset_index()
+    far[["lower", "below"]] = far.groupby("boundary")[["throttle", "lift_N"]].shift()
+    falls = far.loc[far["lift_N"] <= far["below"]]
+    columns = ["boundary", "lower", "throttle", "below", "lift_N"]
+    return list(falls[columns].itertuples(index=False, name=None))
 
 
 def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float]]:
@@ -322,21 +299,26 @@ def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
     return [(s, float(far[s])) for s in ("ground", "ceiling") if s in far and far[s] < REACH]
 
 
-def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
-    """Notes on errors declared as large as what they are of (the least distance, the largest lift),
-    and on a cell worse than any.
+def campaign_notes(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
+    """Notes on records whose head was not taken off, on errors declared as large as what they are
+    of (the least distance, the largest lift), and on a cell worse than any.
     """
-    good = _accepted(table)
+    notes, good = [], _accepted(table)
+    texts = table["quality"][~rejected(table["quality"])]
+    share = sum("unsettled" in text.split() for text in texts) / max(len(texts), 1)
+    if share >= 0.5:
+        notes.append(
+            f"{share:.0%} of the records begin with another force than they go on with: is `tare`"
+            " or `settle` too short (rotors still at rest), or is sample_rate wrong?"
+        )
     least_m = campaign.vehicle.rotor_radius * float(good["z_hat"].min())
     most_N = float(good["lift_N"].max())
+    near = f"least distance, {1e3 * least_m:.3g} mm, at which the rotor would have struck"
     limits = {
-        "height": (
-            least_m,
-            f"least distance, {1e3 * least_m:.3g} mm, at which the rotor would have struck",
-        ),
+        "height": (least_m, near),
         "force": (most_N if most_N > 0 else np.inf, f"largest lift, {1e3 * most_N:.3g} mN"),
     }
-    notes = [
+    notes += [
         f"[[uncertainty]] {u.name!r}: value = {u.value!r} is no less than the {limits[u.on][1]}: is"
         " the unit right?"
         for u in campaign.uncertainty
@@ -351,18 +333,3 @@ def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[st
             " is it the departure from a straight line, and in that unit?"
         )
     return notes
-
-
-def mostly_unsettled(table: Mapping[str, NDArray[Any]]) -> list[str]:
-    """A note where most records begin with another force than they go on with: their rotors-stopped
-    head was not taken off.
-    """
-    good = table["quality"][~rejected(table["quality"])]
-    share = sum("unsettled" in text.split() for text in good) / max(len(good), 1)
-    if share < 0.5:
-        return []
-    note = (
-        f"{share:.0%} of the records begin with another force than they go on with: is `tare` or"
-        " `settle` too short (rotors still at rest), or is sample_rate wrong?"
-    )
-    return [note]

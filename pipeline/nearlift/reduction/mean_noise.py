@@ -90,9 +90,3 @@ def outlasting(
 def _shortest(rate_Hz: float, tone: bool) -> int:
     """Samples of the shortest batch."""
     return max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
-
-
-def slope_of(run: Stretch, density: float, rate_Hz: float) -> tuple[float, float]:
-    """Least-squares slope, N/s, and its standard error from the noise at low frequency."""
-    power = run.n * (run.n**2 - 1) / 12
-    return run.tilt / power * rate_Hz, math.sqrt(density / power) * rate_Hz

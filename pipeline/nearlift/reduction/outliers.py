@@ -101,7 +101,12 @@ def screen(
         departure[~out], sigmas[~out] = contrast[~out], scaled[~out]
         known = np.isfinite(scaled)
         if known.sum() < LEAST_TRIALS:
-            why_not = "" if out.any() else _why_not(int(np.isfinite(contrast).sum()))
+            compared = int(np.isfinite(contrast).sum())
+            why_not = "most trials repeat exactly, so nothing shows how far noise reaches"
+            if compared < LEAST_TRIALS:
+                why_not = f"{compared} trials have repeats or neighbours to compare with;"
+                why_not += f" at least {LEAST_TRIALS} are needed"
+            why_not = "" if out.any() else why_not
             return Screen(outlying=out, departure=departure, sigmas=sigmas, why_not=why_not)
         size = np.abs(np.nan_to_num(scaled))
         beyond = _tail(np.abs(scaled[known]), size) * known.sum() < FAMILY_WISE
@@ -114,14 +119,6 @@ def screen(
         if not beyond.any():
             return Screen(outlying=out, departure=departure, sigmas=sigmas)
         out |= beyond
-
-
-def _why_not(compared: int) -> str:
-    """The reason why nothing could be screened, by the trials that could be compared."""
-    if compared >= LEAST_TRIALS:
-        return "most trials repeat exactly, so nothing shows how far noise reaches"
-    others = f"{compared} trials have repeats or neighbours to compare with"
-    return f"{others}; at least {LEAST_TRIALS} are needed"
 
 
 def odd_visits(

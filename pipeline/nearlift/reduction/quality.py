@@ -95,20 +95,15 @@ def joined(names: Iterable[str]) -> str:
     return " ".join(name for name in CODES if name in present) if present else ""
 
 
-def rejected(quality: NDArray[Any]) -> BoolArray:
-    """Mask of the trials that fits leave out, from a `quality` column."""
-    return np.array([_rejects(text) for text in quality], dtype=bool)
+def rejected(quality: NDArray[Any], aside: str = "") -> BoolArray:
+    """Mask of the trials that fits leave out, from a `quality` column, one code left aside."""
+    return np.array([_rejects(text, aside) for text in quality], dtype=bool)
 
 
 # thousands of trials share a few texts
 @functools.lru_cache(maxsize=256)
-def _rejects(text: str) -> bool:
-    return any(map(str.isupper, text.split()))
-
-
-def faulty(quality: NDArray[Any]) -> BoolArray:
-    """Mask of the trials rejected for a fault of their own, whether or not also excluded."""
-    return np.array([_rejects(text.replace(EXCLUDED, "")) for text in quality], dtype=bool)
+def _rejects(text: str, aside: str) -> bool:
+    return any(name.isupper() and name != aside for name in text.split())
 
 
 def reason(text: str, fault: str = "") -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
 from nearlift.reduction import contamination
-from nearlift.reduction.mean_noise import RecordPart, outlasting, part_of, slope_of
+from nearlift.reduction.mean_noise import RecordPart, outlasting, part_of
 from nearlift.reduction.samples import (
     FEWEST_REPEATS,
     LARGEST_N,
@@ -28,7 +28,7 @@ from nearlift.reduction.samples import (
     without_strays,
 )
 from nearlift.reduction.start import steady_after
-from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median
+from nearlift.reduction.stretch import SD_PER_MAD, median
 
 #: Codes of readers for a record that holds no samples.
 UNREADABLE = frozenset({"EMPTY", "NO_DATA", "MALFORMED"})
@@ -123,7 +123,9 @@ def reduce_record(
     flags += codes_of_tare
     lift = run.mean - zero
     allowed = conditions.drift * abs(lift)
-    slope, u_slope = slope_of(run, live.density, rate_Hz)
+    # least squares, and its standard error from the noise at low frequency
+    power = n * (n**2 - 1) / 12
+    slope, u_slope = run.tilt / power * rate_Hz, math.sqrt(live.density / power) * rate_Hz
     flags += stuck(live.values, run)
     flags += _mixed(live, u2, allowed)
     flags += clipped(live.values, run)
@@ -219,7 +221,10 @@ def _zero_of(
         return rest.mean, 0.0, [], 0
     rate_Hz = conditions.rate_Hz
     zero, u2, codes, left_out = rest.mean, quiet / rest.n, [], 0
-    if _dead(tare, rest, live, run):
+    noise = math.sqrt(run.squares / (run.n - 1))
+    repeats = rest.n >= contamination.FEW and rest.repeats >= FEWEST_REPEATS * rest.n
+    # one value repeats, though the converter would show some noise
+    if repeats and stuck(tare, rest) and noise > COARSE * contamination.step_of(live):
         return zero, u2, ["STUCK"], 0
     single, uneven = contamination.suspicious(tare, rest)
     single = single and bool(contamination.far_samples(tare, 0.0).any())
@@ -250,14 +255,6 @@ def _zero_of(
         if slow.is_too_long and not codes and u2 > MATTERS**2 * u2_live:
             codes.append("slow")
     return zero, u2, codes, left_out
-
-
-def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:
-    """Whether the tare, or a part, repeats one value though its converter would show some noise."""
-    few = rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n
-    if few or not stuck(tare, rest):
-        return False
-    return math.sqrt(run.squares / (run.n - 1)) > COARSE * contamination.step_of(live)
 
 
 def _mixed(live: RecordPart, u2: float, allowed: float) -> list[str]:

@@ -15,8 +15,6 @@ from nearlift.declare import FloatArray
 ROUNDED, FEW_STEPS = 0.05, 30
 #: Standard deviations of normal noise in one median absolute deviation.
 SD_PER_MAD = 1.4826
-#: Samples up to which the numbers of a record are kept for the next one.
-MOST_KEPT = 1 << 20
 
 
 class Stretch(NamedTuple):
@@ -62,7 +60,10 @@ def stretch(values: FloatArray, half: int) -> Stretch:
     mean = float(np.add.reduce(values)) / n
     low, high = float(values.min()), float(values.max())
     away = values - mean
-    tilt = float(np.add.reduce(_times_ramp(away)))
+    # each sample times its number less the middle one
+    ramp = np.arange(n, dtype=float)
+    ramp -= 0.5 * (n - 1)
+    ramp *= away
     squared = away * away
     squares = float(np.add.reduce(squared))
     limit = 36.0 * squares / max(n - 1, 1)
@@ -80,7 +81,7 @@ def stretch(values: FloatArray, half: int) -> Stretch:
         gain,
         mean=mean,
         squares=squares,
-        tilt=tilt,
+        tilt=float(np.add.reduce(ramp)),
         low=low,
         high=high,
         repeats=float(np.count_nonzero(values[1:] == values[:-1])),
@@ -111,22 +112,6 @@ def usual_step(steps: FloatArray) -> float:
             return mean
     near = steps[np.abs(steps - middle) < 0.5 * abs(middle)]
     return float(np.mean(near)) if len(near) else middle
-
-
-def _times_ramp(away: FloatArray) -> FloatArray:
-    """Each sample times its number less the middle one."""
-    if len(away) <= MOST_KEPT:
-        return away * _ramp(len(away))
-    ramp = np.arange(len(away), dtype=float)
-    ramp -= 0.5 * (len(away) - 1)
-    ramp *= away
-    return ramp
-
-
-@functools.lru_cache(maxsize=8)
-def _ramp(n: int) -> FloatArray:
-    """The numbers of n samples less the middle one."""
-    return np.arange(n, dtype=float) - 0.5 * (n - 1)
 
 
 @functools.lru_cache(maxsize=64)
