@@ -13,15 +13,7 @@ import numpy as np
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
-from nearlift.readers.base import (
-    AS_FORCE,
-    Channel,
-    Reader,
-    fold,
-    names_of,
-    pick,
-    split_unit,
-)
+from nearlift.readers.base import AS_FORCE, Channel, Reader, fold, names_of, pick, split_unit
 from nearlift.readers.segments import cutting
 from nearlift.reduction import cuts
 from nearlift.reduction.samples import LARGEST_N
@@ -56,8 +48,8 @@ CHANGE = 0.03
 class Ramp:
     """A record of many throttles: `levels` that hold (0: a ramp), [segments] to cut it, as text."""
 
-    levels: int
-    command: str
+    levels: int = 0
+    command: str = ""
     segments: str
 
     @property
@@ -74,19 +66,19 @@ def moves(force: FloatArray) -> bool:
     The reading at rest may be any: a zero that is not tared and one lift are one trial.
     """
     means = _levels(force[np.isfinite(force)])
-    return len(force) >= FEWEST and _apart(means) and _apart(means - means[0])
-
-
-def _apart(means: FloatArray) -> bool:
-    """Whether means of stretches, those near zero aside, lie far apart."""
-    size = means if abs(means.max()) >= abs(means.min()) else -means
-    # neighbours differ by noise, or by steps, which are few
-    noise = SD_PER_MAD * float(np.median(np.abs(np.diff(size)))) / np.sqrt(2)
-    run = size[size > AT_REST * np.quantile(size, 0.95)]
-    if len(run) < 10 or size.max() <= 0:
+    if len(force) < FEWEST or not len(means):
         return False
-    low, high = np.quantile(run, [0.1, 0.9])
-    return bool(high > MOVES * low and high - low > ABOVE_NOISE * noise)
+    for size in (means, means - means[0]):
+        size = size if abs(size.max()) >= abs(size.min()) else -size
+        # neighbours differ by noise, or by steps, which are few
+        noise = SD_PER_MAD * float(np.median(np.abs(np.diff(size)))) / np.sqrt(2)
+        run = size[size > AT_REST * np.quantile(size, 0.95)]
+        if len(run) < 10 or size.max() <= 0:
+            return False
+        low, high = np.quantile(run, [0.1, 0.9])
+        if not (high > MOVES * low and high - low > ABOVE_NOISE * noise):
+            return False
+    return True
 
 
 def _levels(values: FloatArray) -> FloatArray:
@@ -101,18 +93,17 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
     `NearliftError` where it cannot be read, or its reader knows nothing of a record's other
     columns.
     """
-    reader = cutting(reader)
+    reader, rate = cutting(reader), campaign.load_cell.sample_rate
     contents = reader.open(path, reader.checked_dialect(campaign.records.dialect))
     column, *clocks = names_of(campaign, trial)
     force = pick(contents.channels, column, "records.force.column", str(path))
-    head = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
+    head = round(campaign.tare_s * (rate or 0.0))
     channels = [
         replace(c, values=c.values[head:])
         for c in contents.channels
         if len(c.values) == len(force.values)
     ]
-    live = next(c for c in channels if c.name == force.name)
-    return ramp_of(live, channels, clocks, campaign.load_cell.sample_rate)
+    return ramp_of(replace(force, values=force.values[head:]), channels, clocks, rate)
 
 
 def ramp_of(
@@ -130,20 +121,16 @@ def ramp_of(
         return None
     command = _command(force, [c for c in channels if c.name not in clocks])
     if command is None:
-        return Ramp(levels=0, command="", segments=_without_command(force, rate_Hz))
+        return Ramp(segments=_without_command(force, rate_Hz))
     meaning = _meaning(command)
     name = json.dumps(command.name, ensure_ascii=False)
     levels = [(a, b) for a, b in cuts.by_level(command.values) if b - a >= HOLD]
     times = _times(levels, len(force.values), rate_Hz)
     if times is None:
         throttle = f"{{ column = {name}, {', '.join(meaning)} }}"
-        cut = _in_windows(force.values, rate_Hz, throttle)
-        return Ramp(levels=0, command=command.name, segments=cut)
-    return Ramp(
-        levels=len(levels),
-        command=command.name,
-        segments=_text([f"by = {name}", *meaning, *times]),
-    )
+        return Ramp(command=command.name, segments=_in_windows(force.values, rate_Hz, throttle))
+    lines = "\n".join(["[segments]", f"by = {name}", *meaning, *times, ""])
+    return Ramp(levels=len(levels), command=command.name, segments=lines)
 
 
 def _times(levels: Sequence[cuts.Cut], samples: int, rate_Hz: float | None) -> list[str] | None:
@@ -162,11 +149,12 @@ def _times(levels: Sequence[cuts.Cut], samples: int, rate_Hz: float | None) -> l
         return None
     settle = min(SETTLE_S, usual / rate_Hz / 3)
     shortest = max((usual / rate_Hz - settle) / 2, FEWEST_SAMPLES / rate_Hz)
-    lines = [_time("settle", settle), _time("shortest", shortest)]
-    # as they are printed, rounded
-    settled, least = (round(float(line.split('"')[1].split()[0]) * rate_Hz) for line in lines)
+    printed = [f"{seconds:.2g}" for seconds in (settle, shortest)]
+    settled, least = (round(float(text) * rate_Hz) for text in printed)
     kept = cuts.settled(levels, settled, max(least, FEWEST_SAMPLES)).pieces
-    return lines if len(kept) >= LEFT * len(levels) else None
+    if len(kept) < LEFT * len(levels):
+        return None
+    return [f'settle = "{printed[0]} s"', f'shortest = "{printed[1]} s"']
 
 
 def _without_command(force: Channel, rate_Hz: float | None) -> str:
@@ -179,38 +167,38 @@ def _without_command(force: Channel, rate_Hz: float | None) -> str:
         if len(cuts.settled(edges, round(SETTLE_S * rate_Hz), shortest).pieces) < 2:
             return _in_windows(force.values, rate_Hz, throttle)
     unit = AS_FORCE.get(force.unit, force.unit) or "FILL IN"
-    lines = ['by = "plateaus"', f'step = "{step:g} {unit}"   # smallest change that is a step']
-    lines += [_time("settle", SETTLE_S), _time("shortest", 2 * SHORTEST_S)]
-    return _text(lines, f"\n[segments.columns]\nthrottle = {throttle}")
+    return f"""[segments]
+by = "plateaus"
+step = "{step:g} {unit}"   # smallest change that is a step
+settle = "{SETTLE_S:.2g} s"
+shortest = "{2 * SHORTEST_S:.2g} s"
+[segments.columns]
+throttle = {throttle}
+"""
 
 
 def _in_windows(force: FloatArray, rate_Hz: float | None, throttle: str) -> str:
-    """Cuts of a ramp, with a curve for its levels."""
-    window = _window(force, rate_Hz)
-    lines = ['by = "windows"', _time("length", window), _time("settle", 0.0)]
-    lines.append(_time("shortest", window / 2))
-    curve = '\n\n[levels]\nby = "curve"   # no throttle repeats\nof = ["throttle"]'
-    return _text(lines, f"\n[segments.columns]\nthrottle = {throttle}{curve}")
+    """Cuts of a ramp into windows within which lift changes little, with a curve for its levels."""
+    window = SHORTEST_S
+    if rate_Hz:
+        means = np.abs(_levels(force))
+        run = means > AT_REST * means.max()
+        moved = np.abs(np.diff(means))[run[1:] & run[:-1]] / means[1:][run[1:] & run[:-1]]
+        stretch = len(force) / len(means) / rate_Hz
+        longest = CHANGE * stretch / max(float(np.median(moved)), 1e-6)
+        window = max(min(SHORTEST_S, longest), 2 * FEWEST_SAMPLES / rate_Hz)
+    return f"""[segments]
+by = "windows"
+length = "{window:.2g} s"
+settle = "0 s"
+shortest = "{window / 2:.2g} s"
+[segments.columns]
+throttle = {throttle}
 
-
-def _window(force: FloatArray, rate_Hz: float | None) -> float:
-    """Length in s of windows within which a ramp's lift changes little, of ten samples at least."""
-    if not rate_Hz:
-        return SHORTEST_S
-    means = np.abs(_levels(force))
-    run = means > AT_REST * means.max()
-    moved = np.abs(np.diff(means))[run[1:] & run[:-1]] / means[1:][run[1:] & run[:-1]]
-    stretch = len(force) / len(means) / rate_Hz
-    longest = CHANGE * stretch / max(float(np.median(moved)), 1e-6)
-    return max(min(SHORTEST_S, longest), 2 * FEWEST_SAMPLES / rate_Hz)
-
-
-def _text(lines: Sequence[str], more: str = "") -> str:
-    return "\n".join(["[segments]", *lines]) + more + "\n"
-
-
-def _time(key: str, seconds: float) -> str:
-    return f'{key} = "{seconds:.2g} s"'
+[levels]
+by = "curve"   # no throttle repeats
+of = ["throttle"]
+"""
 
 
 def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
@@ -219,24 +207,19 @@ def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
 
     ranked, commands = rankdata(np.abs(_levels(force.values))), []
     for c in channels:
-        if c.name == force.name or len(c.values) != len(force.values):
+        words = set(re.findall(r"[^\W\d_]+", fold(c.name)))
+        said, n = bool(words & COMMANDS), len(c.values)
+        if c.name == force.name or n != len(force.values) or (words & READINGS and not said):
             continue
         means = _levels(c.values)
         if not np.isfinite(means).all() or np.ptp(means) == 0:
             continue
         together = float(np.corrcoef(ranked, rankdata(means))[0, 1])
-        words = set(re.findall(r"[^\W\d_]+", fold(c.name)))
-        said = bool(words & COMMANDS)
-        if words & READINGS and not said:
-            continue
-        if together > FOLLOWS[said] and (said or _holds(c.values)):
+        # a setting, and no measurement, if most samples repeat the one before
+        holds = bool(np.mean(c.values[1:] == c.values[:-1]) > 0.5)
+        if together > FOLLOWS[said] and (said or holds):
             commands.append((said, together, c))
     return max(commands, key=lambda f: f[:2])[2] if commands else None
-
-
-def _holds(values: FloatArray) -> bool:
-    """Whether most samples repeat the one before: a setting, and no measurement."""
-    return bool(np.mean(values[1:] == values[:-1]) > 0.5)
 
 
 def _meaning(command: Channel) -> list[str]:

@@ -25,7 +25,6 @@ from nearlift.readers import means, ramp, segments
 from nearlift.readers.base import Reader, Record, malformed
 from nearlift.readers.files import MARK, Piece, source_of
 from nearlift.readers.guarded import Malformed
-from nearlift.readers.segment_schedule import schedule_of_trials
 from nearlift.readers.segments import CutPiece
 from nearlift.reduction import judge, quality
 from nearlift.reduction.record import Reduced, reduce_record
@@ -180,7 +179,10 @@ def _answer(task: Task, record: Record, sha256: str) -> RecordAnswer:
             {**asdict(one), "samples": n, **of_the_file}
             for one, n in zip(reduced, samples, strict=True)
         ),
-        pieces=tuple(piece.without_samples for piece in whole.pieces),
+        pieces=tuple(
+            replace(piece, force_N=segments.NO_SAMPLES, time_s=None, tare_N=segments.NO_SAMPLES)
+            for piece in whole.pieces
+        ),
         counts=Counter(
             samples=len(record.force_N),
             pieces=len(whole.pieces),
@@ -316,7 +318,7 @@ def _table(
             codes[k].append("HEIGHT")
     excluded, fault = campaign.quality.exclude, columns["fault"]
     # a whole record may be left out as well
-    ids = [*schedule.trial.tolist(), *owners]
+    ids = [*dict.fromkeys([*schedule.trial.tolist(), *owners])]
     for trial in sorted(excluded.keys() - {*ids}):
         near = difflib.get_close_matches(trial, ids, n=3)
         raise ManifestError(
@@ -393,7 +395,7 @@ def _from_records(
         recorded.say(f"ingest {len(answers)} of {count} {noun}", len(answers) / count)
     if campaign.cuts_records:
         cut = {record: answer.pieces for record, answer in answers.items()}
-        schedule = schedule_of_trials(campaign, root, cut)
+        schedule = segments.schedule_of_trials(campaign, root, cut)
         notes += _remarks_on_cuts([*answers.values()])
     # each remark once, with the number of records that it is about
     places: dict[str, list[str]] = {}

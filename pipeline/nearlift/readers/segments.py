@@ -1,7 +1,9 @@
-"""A record of many trials cut into pieces.
+"""A record of many trials cut into pieces, and the schedule of all pieces.
 
 The cuts are at the steps of a column or of the force, or into windows. Each piece has its samples
-and the means of other columns.
+and the means of other columns. A row of trials.csv is then a record. Its pieces share the row's
+boundary, distance and session, and so the visit of the traverse. Columns that the pieces bring,
+such as throttle, are added to the row's, and the result is checked as any schedule.
 """
 
 from __future__ import annotations
@@ -13,23 +15,30 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift import units
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import FEWEST_SAMPLES, Segments
-from nearlift.declare import BoolArray, FloatArray
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
-from nearlift.readers.base import (
-    Reader,
-    Record,
-    RecordsDialect,
-    names_of,
-    pick,
-)
+from nearlift.readers.base import Reader, Record, names_of, pick
 from nearlift.readers.files import Piece, packing
 from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
-from nearlift.schedule import BESIDE, brought, dimension_of
+from nearlift.schedule import (
+    BESIDE,
+    BY_NAME,
+    RECORD_COLUMN,
+    RESERVED,
+    Schedule,
+    TextColumn,
+    brought,
+    dimension_of,
+    of_columns,
+    read_columns,
+    rename_records,
+)
 
 #: Share of the cut samples that kept pieces and their settling must be.
 MIN_YIELD = 0.25
@@ -39,8 +48,6 @@ REPEATED = (
     "samples that repeat the one before, stamp and force, were counted once: the cell is slower"
     " than the rows"
 )
-
-
 #: Samples of a piece that has none.
 NO_SAMPLES: FloatArray = np.empty(0)
 
@@ -75,11 +82,6 @@ class CutPiece:
     time_s: FloatArray | None = None
     tare_N: FloatArray = field(default_factory=lambda: NO_SAMPLES)
 
-    @property
-    def without_samples(self) -> CutPiece:
-        """The piece without its samples."""
-        return replace(self, force_N=NO_SAMPLES, time_s=None, tare_N=NO_SAMPLES)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Segmented:
@@ -100,9 +102,8 @@ def cutting(reader: Reader) -> Reader:
     if reader.name == "csv":
         return TEXT
     if reader.contents is None or reader.name == "parquet":
-        raise ManifestError(
-            "segments", f"reader = {reader.name!r} does not cut records", 'take "text" or "csv"'
-        )
+        what = f"reader = {reader.name!r} does not cut records"
+        raise ManifestError("segments", what, 'take "text" or "csv"')
     return reader
 
 
@@ -122,53 +123,53 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
     if whole.contents is None or not len(whole.force_N):
         return Segmented(record=whole)
     said, rate = campaign.segments, campaign.load_cell.sample_rate
+    # by the manifest's own check
     assert said is not None
     assert rate is not None
     channels, path = whole.contents.channels, root / whole.source
     head = min(round(campaign.tare_s * rate), len(whole.force_N))
-    values, edges = _edges(said, whole, path, campaign.records.dialect, head, rate)
+    values, edges = _edges(campaign, said, whole, path, head, rate)
     settle, shortest, length = (
         round(t * rate) for t in (said.settle, said.shortest, said.length or 0.0)
     )
     spans = cuts.settled(edges, settle, shortest, length or None)
     _require_yield(spans, edges, settle, rate, str(path))
-    bring = {
-        name: (
-            pick(
-                channels,
-                column.column,
-                "segments.by" if key == "segments" else f"{key}.column",
-                str(path),
-            ),
-            column.linear(dimension_of(name), key),
-        )
-        for name, (column, key) in brought(said).items()
-    }
+    # the schedule's columns in the record, each with factor and offset to SI
+    bring = {}
+    for name, (column, key) in brought(said).items():
+        at = "segments.by" if key == "segments" else f"{key}.column"
+        channel = pick(channels, column.column, at, str(path))
+        bring[name] = channel, *column.linear(dimension_of(name), key)
     zeros: list[cuts.Span] = []
     if campaign.load_cell.tare == "level 0":
         level = {p: _middle("throttle", values[p.start : p.end]) for p in spans.pieces}
         lowest = min(level.values(), default=np.nan)
         zeros = [p for p in spans.pieces if level[p] <= lowest + said.hold]
-    names = names_of(campaign, whole.trial)
-    known = {id(pick(channels, n, "", "")) for n in names} | {id(c) for c, _ in bring.values()}
+    known = {id(pick(channels, name, "", "")) for name in names_of(campaign, whole.trial)}
+    known |= {id(channel) for channel, _, _ in bring.values()}
     further = [c for c in channels if id(c) not in known and len(c.values) == len(whole.force_N)]
-    time_s, kept = _new_samples(whole)
+    time_s, kept, notes = whole.time_s, np.ones(len(whole.force_N), dtype=bool), [*whole.notes]
+    if time_s is not None:
+        kept[1:] = (np.diff(time_s) != 0) | (np.diff(whole.force_N) != 0)
+        if not kept.all():
+            # what is left of a slower clock has no steady step, and shows no gaps
+            time_s = None
+            notes.append(REPEATED)
     trials: list[CutPiece] = []
     for piece in spans.pieces:
         span = slice(piece.start, piece.end)
         level_of = {
-            name: factor * _middle(name, c.values[span]) + offset
-            for name, (c, (factor, offset)) in bring.items()
+            name: factor * _middle(name, channel.values[span]) + offset
+            for name, (channel, factor, offset) in bring.items()
         }
         # a comparison with no number is false
         running = level_of.get("throttle", 1.0) > 0 <= level_of.get("distance", 0.0)
         if piece in zeros or not running:
             continue
         for name in bring.keys() & set(BESIDE):
-            channel, (factor, _) = bring[name]
-            mean, u = _less_zero(
-                channel.values[span], _zero(channel.values, zeros, piece, head), rate
-            )
+            channel, factor, _ = bring[name]
+            zero = _zero(channel.values, zeros, piece, head)
+            mean, u = _less_zero(channel.values[span], zero, rate)
             level_of |= {name: factor * mean, f"u_{name}": abs(factor) * u}
         trials.append(
             CutPiece(
@@ -181,8 +182,9 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
                 tare_N=_zero(whole.force_N, zeros, piece, head),
             )
         )
-    notes = [*whole.notes, *[REPEATED] * (not kept.all())]
-    if _slope(values, said.hold, spans):
+    parts = [np.array_split(values[p.first : p.end], 4) for p in spans.pieces]
+    moved = [abs(float(p[-1].mean() - p[0].mean())) > SLOPING * said.hold for p in parts]
+    if said.hold and 2 * sum(moved) > len(moved):
         notes.append(
             f"the level {said.by!r} moves through most of hold = {said.hold:g} within most"
             " pieces: a ramp has no steps, and hold makes some of it"
@@ -199,25 +201,25 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
 
 
 def _edges(
-    said: Segments, whole: Record, path: Path, dialect: RecordsDialect, head: int, rate_Hz: float
+    campaign: Campaign, said: Segments, whole: Record, path: Path, head: int, rate_Hz: float
 ) -> tuple[FloatArray, list[cuts.Cut]]:
     """The values that step, and the edges behind the head, by the manifest's way."""
-    values, n = whole.force_N, len(whole.force_N)
+    values, n, only = whole.force_N, len(whole.force_N), said.only
     if said.by == "windows":
         return values, [(head, n)]
     if said.column is None:
-        step = said.step_N()
-        _require_coarse(values[head:], step, str(path))
+        step, steps = said.step_N(), np.abs(np.diff(values[head:][np.isfinite(values[head:])]))
+        grain = float(steps[steps > 0].min(initial=np.inf))
+        # of a coarse converter every code would be a plateau
+        if np.count_nonzero(steps) < 0.5 * len(steps) and step < 3 * grain * (1 - 1e-9) < np.inf:
+            what = f"a step of {step:.3g} is less than three of the converter's own ({grain:.3g})"
+            raise InputRefused(str(path), what, "take a larger step under [segments]")
         smallest = max(round((said.settle + said.shortest) * rate_Hz), 1)
         changes = cuts.by_change(values[head:], step, smallest)
         return values, [(head + a, head + b) for a, b in changes]
-    only = said.only
     if isinstance(only, str):
-        words = (
-            guarded.run(words_of, path, dialect, said.by)
-            if packing(path)
-            else words_of(path, dialect, said.by)
-        )[:n]
+        asked = path, campaign.records.dialect, said.by
+        words = (guarded.run(words_of, *asked) if packing(path) else words_of(*asked))[:n]
         if only not in words:
             listed = ", ".join(map(repr, sorted(set(words))[:8]))
             what = f"has no {only!r} in column {said.by!r}"
@@ -232,16 +234,6 @@ def _edges(
             raise InputRefused(str(path), what, remedy)
     edges = [(head + a, head + b) for a, b in cuts.by_level(values[head:], said.hold)]
     return values, [(a, b) for a, b in edges if only is None or values[a] == only]
-
-
-def _require_coarse(values: FloatArray, step: float, where: str) -> None:
-    """Refuse a step below three codes of a coarse converter: every code would be a plateau."""
-    apart = np.abs(np.diff(values[np.isfinite(values)]))
-    moved = apart[apart > 0]
-    grain = float(moved.min()) if len(moved) else 0.0
-    if len(moved) < 0.5 * len(apart) and step < 3 * grain * (1 - 1e-9):
-        what = f"a step of {step:.3g} is less than three of the converter's own ({grain:.3g})"
-        raise InputRefused(where, what, "take a larger step under [segments]")
 
 
 def _require_yield(
@@ -278,13 +270,6 @@ def _require_yield(
 # ---- the content of a piece
 
 
-def _slope(values: FloatArray, hold: float, spans: cuts.Cuts) -> bool:
-    """Whether most pieces move through most of `hold` from end to end: a ramp, not levels."""
-    parts = [np.array_split(values[p.first : p.end], 4) for p in spans.pieces]
-    moved = [abs(float(part[-1].mean() - part[0].mean())) > SLOPING * hold for part in parts]
-    return bool(hold) and 2 * sum(moved) > len(moved)
-
-
 def _zero(
     values: FloatArray, zeros: Sequence[cuts.Span], piece: cuts.Span, head: int
 ) -> FloatArray:
@@ -311,26 +296,79 @@ def _less_zero(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[fl
 def _middle(name: str, values: FloatArray) -> float:
     """The level of a piece's samples: the median of a command, one of its values, else the mean."""
     known = values[np.isfinite(values)]
-    if not known.size:
-        return math.nan
-    if name in ("throttle", "distance", "reached"):
+    if known.size and name in ("throttle", "distance", "reached"):
         return float(np.sort(known)[known.size // 2])
-    return float(known.mean())
-
-
-def _new_samples(whole: Record) -> tuple[FloatArray | None, BoolArray]:
-    """The clock if it can show gaps, and a mask of samples that are no repeat of the one before."""
-    kept = np.ones(len(whole.force_N), dtype=bool)
-    if whole.time_s is None:
-        return None, kept
-    kept[1:] = (np.diff(whole.time_s) != 0) | (np.diff(whole.force_N) != 0)
-    # what is left of a slower clock has no steady step
-    return (whole.time_s if kept.all() else None), kept
+    return float(known.mean()) if known.size else math.nan
 
 
 def _mean_and_scatter(values: FloatArray) -> tuple[float, float]:
     known = values[np.isfinite(values)]
-    return (
-        float(known.mean()) if len(known) else math.nan,
-        float(known.std(ddof=1)) if len(known) > 1 else math.nan,
-    )
+    scatter = float(known.std(ddof=1)) if len(known) > 1 else math.nan
+    return float(known.mean()) if len(known) else math.nan, scatter
+
+
+# ---- the schedule of all pieces
+
+
+def schedule_of_trials(
+    campaign: Campaign, root: Path, pieces: Mapping[str, Sequence[CutPiece]]
+) -> Schedule:
+    """The schedule of the pieces of every record; a record without pieces has one row.
+
+    Covariates include `record`, `piece`, and means and scatter of the records' further columns, NaN
+    where a record has none. A name that the schedule has for itself is made the record's. Raises as
+    `read_schedule` does.
+    """
+    said = campaign.segments
+    assert said is not None
+    read, notes = read_columns(campaign, root)
+    rows, bring = rename_records(campaign, root, read)
+    ids = rows["trial"].stripped().tolist()
+    cut = [(i, p) for i, record in enumerate(ids) for p in pieces.get(record) or [CutPiece()]]
+    places, trials = [i for i, _ in cut], [piece for _, piece in cut]
+    columns = {
+        name: replace(
+            column,
+            texts=[column.texts[i] for i in places],
+            lines=[column.lines[i] for i in places] if column.lines else (),
+        )
+        for name, column in rows.items()
+    }
+    file, lines = columns["trial"].file, columns["trial"].lines
+    records = [ids[i] for i in places]
+    names = [f"{r}#{p.number}" if p.number else r for r, p in zip(records, trials, strict=True)]
+    columns["trial"] = replace(columns["trial"], texts=names)
+    # each record may have been set up differently
+    columns.setdefault("session", TextColumn("session", records, file, lines))
+    for name in bring:
+        values = np.array([piece.brought.get(name, np.nan) for piece in trials])
+        if name == said.maps and said.has_level and said.hold > 0:
+            factor, _ = said.level().linear(dimension_of(name), "segments")
+            _join_levels(values, said.hold * abs(factor) * (1 + 1e-9))
+        texts = ["" if value != value else repr(value) for value in values.tolist()]
+        unit = units.SI[dimension] if (dimension := dimension_of(name)) else ""
+        columns[name] = TextColumn(name, texts, file, lines, unit)
+    schedule = of_columns(campaign, root, columns, notes, bring)
+    covariates = dict(schedule.covariates)
+    if "start_s" in covariates:
+        covariates["start_s"] = covariates["start_s"] + np.array([p.since_s for p in trials])
+    covariates[RECORD_COLUMN] = np.array(records, dtype=object)
+    covariates["piece"] = np.array([piece.number for piece in trials])
+    taken, nothing = {*covariates, *RESERVED, *BY_NAME}, (np.nan, np.nan)
+    for name in dict.fromkeys(name for piece in trials for name in piece.covariates):
+        mean, scatter = np.array([piece.covariates.get(name, nothing) for piece in trials]).T
+        free = name if name not in taken else f"{RECORD_COLUMN} {name}"
+        # a column without a number anywhere is left out
+        covariates |= {free: mean} if np.isfinite(mean).any() else {}
+        covariates |= {f"sd_{free}": scatter} if np.isfinite(scatter).any() else {}
+    return replace(schedule, covariates=covariates)
+
+
+def _join_levels(values: FloatArray, reach: float) -> None:
+    """Make levels within `reach` of each other one level, their median."""
+    order = np.argsort(values)[: np.count_nonzero(np.isfinite(values))]
+    first = 0
+    for k in range(1, len(order) + 1):
+        if k == len(order) or values[order[k]] - values[order[first]] > reach:
+            values[order[first:k]] = np.median(values[order[first:k]])
+            first = k
