@@ -78,9 +78,10 @@ def test_a_wrong_block_fails(tmp_path, monkeypatch):
     with pytest.raises(AssertionError, match="make"):
         runner.run(block("sh", "make coffee\n"))
     runner.run(block("python", "print('K_b = 2.01')\nprint('and more')\n"))
-    runner.run(block("text", "K_b = 1.98\n...\n"))
+    runner.run(block("text", "K_b = 2.02\n...\n"))
     for text, told in (
         ("K_c = 2.01\n", "was not printed"),
+        ("K_b = 1.98\n...\n", "but printed: 'K_b = 2.01'"),
         ("and more\n", "stands more"),
         ("K_b = 2.01\n", "more was printed"),
     ):

@@ -59,6 +59,8 @@ class Evidence:
         SHA-256 of each raw input, by path within the campaign.
     versions : mapping of str to str
         Of Python and the packages that can change a number.
+    folder : str
+        Name of the campaign's folder.
     seed : int
     curves : dict of (Boundary, bytes) to Curve
         Base curves that were drawn, by boundary and the bytes of their distances.
@@ -72,6 +74,7 @@ class Evidence:
     digests: Mapping[str, str] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
+    folder: str = ""
     seed: int = 0
     curves: dict[tuple[Boundary, bytes], Curve] = field(
         default_factory=dict, init=False, repr=False, compare=False

@@ -61,6 +61,7 @@ def gather(job: Job) -> Evidence:
         digests=digests,
         inputs=dict(job.inputs),
         versions=versions(),
+        folder=job.root.resolve().name,
         seed=job.seed,
     )
 

@@ -75,7 +75,7 @@ def provenance(evidence: Evidence) -> Markup:
     to the next.
     """
     seed = f" --seed {evidence.seed}" if evidence.seed else ""
-    command = f"nearlift run {shlex.quote(evidence.campaign.name)}{seed}"
+    command = f"nearlift run {shlex.quote(evidence.folder)}{seed}"
     digests = [
         *sorted(evidence.inputs.items()),
         *sorted(evidence.digests.items()),
