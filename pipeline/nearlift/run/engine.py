@@ -80,8 +80,8 @@ class StageChapter:
     figures : tuple of str
         Names of modules under `report.figures`, each with its `FIGURE`.
     facts : str
-        Function, as ``module:name``, from evidence to what the template of the stage's name prints;
-        empty where the chapter is its figures.
+        Function, as ``module:name``, from evidence to the chapter's HTML; empty where the chapter
+        is its figures.
     """
 
     title: str
