@@ -167,7 +167,7 @@ def power(campaign: Campaign, problem: Any) -> float:
     row = {trial: i for i, trial in enumerate(campaign.data.trial.tolist())}
     white = problem.space.project(signal[[row[trial] for trial in problem.data.trial.tolist()]])
     fit = problem.base_linear_fit
-    columns = np.concatenate([fit.basis.T @ white, fit.rest.T @ white])[:, None]
+    columns = np.concatenate([part.T @ white for part in fit.basis])[:, None]
     hypotheses = structure.mapped(problem.hypotheses[0], fit.left.whiten)
     _, stacked, ranks = structure.bases(hypotheses, fit.left.removed)
     strength = structure.chi2_of_each(fit.left.residual(columns)[:, 0], stacked, ranks)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
@@ -29,7 +30,7 @@ PLAIN_2LNB = 9.0
 
 
 def mean_evidence(exact: FloatArray | float, discrepant: FloatArray | float) -> FloatArray:
-    """Log of the mean evidence of both form models, given as logarithms.
+    """Log of the mean evidence, exact and discrepant, given as logarithms.
 
     It is nan for a fit that has no value at some trial.
     """
@@ -45,19 +46,14 @@ class ExplanationEvidence:
     that the width of a declared prior does not matter. `unnamed` is the evidence of the null: the
     base model, with a random-walk gain if that is likelier. Where effects have several forms, these
     are of the best one, and `other_forms` is the mean over all forms relative to it.
+
+    A log score on visits left out may take the place of all: it knows of no prior and no form.
     """
 
     exact: float
     discrepant: float
-    unnamed: float
+    unnamed: float = 0.0
     other_forms: float = 0.0
-
-    @classmethod
-    def of_score(cls, score: float) -> ExplanationEvidence:
-        """A log score on visits left out, relative to the base model's, in the place of all: it
-        knows of no prior and no form.
-        """
-        return cls(exact=score, discrepant=score, unnamed=0.0)
 
     @property
     def log(self) -> float:
@@ -79,7 +75,6 @@ class RandomEffectsWhitener:
     """Whiten by unit-variance random effects with design T (d, k), by ``(1 + T T')^(-1/2)``."""
 
     def __init__(self, columns: FloatArray) -> None:
-        self.columns = columns
         squares, turn = np.linalg.eigh(columns.T @ columns)
         squares = np.maximum(squares, 0.0)
         root = np.sqrt(1 + squares)
@@ -103,9 +98,7 @@ class Integrated:
 
     def embed(self, columns: FloatArray) -> FloatArray:
         """Columns (d', m) of the first d' <= d coordinates in all coordinates, (d, m)."""
-        result = np.zeros((len(self.scores), columns.shape[1]))
-        result[: len(columns)] = columns
-        return result
+        return np.pad(columns, ((0, len(self.scores) - len(columns)), (0, 0)))
 
     def whiten(self, columns: FloatArray) -> FloatArray:
         """Embedded columns, whitened like the scores, (d, m)."""
@@ -123,18 +116,33 @@ class Integrated:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Linearised:
-    """A fit in the coordinates of an orthonormal basis (n, d) of whitened log lift.
+class LinearFit:
+    """A fit, linearised in the coordinates of an orthonormal basis of whitened log lift.
 
-    `jacobian` (d, P) are its derivatives there; `form_discrepancy` (d, t) are unit-variance columns
-    of the uncertainty of its form.
+    Attributes
+    ----------
+    jacobian : (d, P)
+        Derivatives of the fit.
+    form_discrepancy : (d, t)
+        Unit-variance columns of the uncertainty of its form, and of a random-walk gain of the size
+        `random_walk_gain`.
+    scores : (d, m)
+        Residuals, the fit's or drawn ones.
+    outside : float
+        Log likelihood of the part of the residual outside the basis: no unknown changes it.
+    basis : tuple of arrays (n, k)
+        The basis, in parts.
     """
 
     fitted: Fitted
     jacobian: FloatArray
     form_discrepancy: FloatArray
+    scores: FloatArray
+    outside: float = 0.0
+    random_walk_gain: float = 0.0
+    basis: tuple[FloatArray, ...] = ()
 
-    @property
+    @cached_property
     def coefficients(self) -> IntArray:
         """Entries of the base model, the first ones."""
         return self.fitted.candidate.entries_of("")
@@ -145,11 +153,10 @@ class Linearised:
         return np.arange(len(self.coefficients), len(self.fitted.vector))
 
     @cached_property
-    def free(self) -> IntArray:
-        """The effects' entries, but for those held at a bound: they cannot move to both sides."""
+    def held(self) -> NDArray[np.bool_]:
+        """Mask of the entries at a bound, (P,): they cannot move to both sides."""
         low, high = self.fitted.candidate.bounds
-        inside = (self.fitted.vector > low) & (self.fitted.vector < high)
-        return self.entries[inside[self.entries]]
+        return (self.fitted.vector <= low) | (self.fitted.vector >= high)
 
     @cached_property
     def bic_charged(self) -> IntArray:
@@ -163,92 +170,54 @@ class Linearised:
         left = deform(self.jacobian[:, self.entries])
         left = left - absorbed @ (absorbed.T @ left)
         information = np.sum(left**2, axis=0) * candidate.prior[1][self.entries] ** 2
-        low, high = candidate.bounds
-        held = (self.fitted.vector <= low) | (self.fitted.vector >= high)
-        asked = (information > candidate.data.n) | held[self.entries]
+        asked = (information > candidate.data.n) | self.held[self.entries]
         integrated = candidate.by_session | candidate.at_datum
         return np.asarray(self.entries[asked & ~integrated[self.entries]])
 
-    def integrated(self, scores: FloatArray, fixed: IntArray, random: IntArray) -> Integrated:
-        """The scores (d, m) with the entries `fixed` projected out and those `random` integrated
-        over.
+    def integrated(self, fixed: IntArray) -> Integrated:
+        """The scores with coefficients and effects' entries `fixed` projected out.
+
+        All other entries that are not held are integrated over.
         """
         mean, sd = self.fitted.candidate.prior
+        free = self.entries[~self.held[self.entries]]
+        random = np.setdiff1d(free, fixed)
         columns = self.jacobian[:, random]
         deform = RandomEffectsWhitener(np.hstack([columns * sd[random], self.form_discrepancy]))
-        removed = orthonormal(deform(self.jacobian[:, fixed]))
+        projected = np.r_[self.coefficients, np.intersect1d(free, fixed)]
+        removed = orthonormal(deform(self.jacobian[:, projected]))
         shift = columns @ (self.fitted.vector - mean)[random]
-        left = deform(scores + shift[:, None])
+        left = deform(self.scores + shift[:, None])
         return Integrated(
             scores=left - removed @ (removed.T @ left), removed=removed, deform=deform
         )
 
-    def by_priors(self, scores: FloatArray) -> Integrated:
-        """The scores with the coefficients projected out and all else integrated over."""
-        return self.integrated(scores, self.coefficients, self.free)
-
-    def by_unit_information(self, scores: FloatArray) -> Integrated:
-        """The scores with coefficients and `bic_charged` parameters projected out.
-
-        All others are integrated over; parameters that differ by session are one population.
-        """
-        charged = np.intersect1d(self.free, self.bic_charged)
-        rest = np.setdiff1d(self.free, charged)
-        return self.integrated(scores, np.r_[self.coefficients, charged], rest)
-
-    def log(self, left: Integrated) -> FloatArray:
-        """Log evidence by unit information, (m,), of what `by_unit_information` leaves: it decides
-        who belongs.
-        """
-        candidate, bic_charged = self.fitted.candidate, self.bic_charged
-        mean, sd = candidate.prior
-        penalty = float(np.sum(((self.fitted.vector - mean)[bic_charged] / sd[bic_charged]) ** 2))
-        unknowns = len(bic_charged) + bool(candidate.by_session[self.entries].any())
-        price = penalty + unknowns * float(np.log(candidate.data.n))
-        return np.asarray(left.log_likelihood - 0.5 * price)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LinearFit:
-    """A linearised fit with an exact or discrepant form, and the size of its `random_walk_gain`.
-
-    Its coordinates are those of an orthonormal `basis` (n, c) and of the `rest` (n, d - c).
-    """
-
-    here: Linearised
-    basis: FloatArray
-    rest: FloatArray
-    random_walk_gain: float
-
-    @cached_property
-    def scores(self) -> FloatArray:
-        """Residual of the fit in these coordinates, (d, 1)."""
-        residual = self.here.fitted.residual
-        return np.concatenate([self.basis.T @ residual, self.rest.T @ residual])[:, None]
-
     @cached_property
     def left(self) -> Integrated:
-        """Residual scores with all but the coefficients integrated over."""
-        return self.here.by_priors(self.scores)
+        """Scores with all but the coefficients integrated over."""
+        return self.integrated(np.arange(0))
 
     @property
     def without_each(self) -> FloatArray:
-        """Residual scores without each trial, to first order, (d, n)."""
-        basis = np.hstack([self.basis, self.rest])
-        each = self.left.deform(basis.T * self.here.fitted.residual)
+        """`left`'s scores without each trial, to first order, (d, n)."""
+        each = self.left.deform(np.hstack(self.basis).T * self.fitted.residual)
         return np.asarray(self.left.scores - each)
 
     @cached_property
     def left_by_unit_information(self) -> Integrated:
-        """Residual scores with `bic_charged` parameters projected out."""
-        return self.here.by_unit_information(self.scores)
+        """Scores with coefficients and `bic_charged` parameters projected out.
+
+        All others are integrated over; parameters that differ by session are one population.
+        """
+        return self.integrated(self.bic_charged)
 
     @property
-    def log(self) -> float:
-        """Log evidence by unit information, without the penalty for a random-walk gain."""
-        return float(self.here.log(self.left_by_unit_information)[0]) + self.outside
-
-    @property
-    def outside(self) -> float:
-        """Log likelihood of the part of the residual outside the basis: no unknown changes it."""
-        return -0.5 * float(np.sum(self.here.fitted.residual**2) - np.sum(self.scores**2))
+    def log(self) -> FloatArray:
+        """Log evidence by unit information, (m,), without the penalty for a random-walk gain."""
+        candidate, charged = self.fitted.candidate, self.bic_charged
+        mean, sd = candidate.prior
+        penalty = float(np.sum(((self.fitted.vector - mean)[charged] / sd[charged]) ** 2))
+        unknowns = len(charged) + bool(candidate.by_session[self.entries].any())
+        price = penalty + unknowns * float(np.log(candidate.data.n))
+        likelihood = self.left_by_unit_information.log_likelihood
+        return np.asarray(likelihood - 0.5 * price + self.outside)

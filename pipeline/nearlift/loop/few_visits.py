@@ -204,7 +204,7 @@ def _explanation(
         form_sd=0.0,
         left=None,
         gain=problem.base_fit.chi2 - fitted.chi2,
-        evidence=ExplanationEvidence.of_score(score),
+        evidence=ExplanationEvidence(exact=score, discrepant=score),
         confirmed=confirmed,
     )
 

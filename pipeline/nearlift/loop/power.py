@@ -18,7 +18,7 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure, weigh
 from nearlift.loop.candidate import moments
 from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.evidence import CREDIT, Linearised, mean_evidence
+from nearlift.loop.evidence import CREDIT, LinearFit, mean_evidence
 from nearlift.loop.random_walk_gain import log_evidence_gain
 from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.randomness import generator
@@ -302,10 +302,11 @@ class DesignPower:
         jacobian, waves = basis.T @ fitted.jacobian, basis.T @ problem.waves
 
         def evidence(form_discrepancy: FloatArray) -> FloatArray:
-            here = Linearised(fitted=fitted, jacobian=jacobian, form_discrepancy=form_discrepancy)
-            left = here.by_unit_information(scores)
-            gain = log_evidence_gain(left.scores, left.residual(waves), problem.data.n)
-            return here.log(left) + gain
+            here = LinearFit(
+                fitted=fitted, jacobian=jacobian, form_discrepancy=form_discrepancy, scores=scores
+            )
+            left = here.left_by_unit_information
+            return here.log + log_evidence_gain(left.scores, left.residual(waves), problem.data.n)
 
         return mean_evidence(evidence(form[:, :0]), evidence(form))
 

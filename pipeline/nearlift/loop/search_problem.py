@@ -25,7 +25,6 @@ from nearlift.loop.evidence import (
     ExplanationEvidence,
     Integrated,
     LinearFit,
-    Linearised,
     RandomEffectsWhitener,
 )
 from nearlift.loop.explanation import Explanation
@@ -239,11 +238,6 @@ class SearchProblem:
         """Orthonormal basis (n, c) of the coefficients and of a random-walk gain."""
         return orthonormal(np.hstack([self.base_jacobian, self.waves]))
 
-    @cached_property
-    def waves_in_common(self) -> FloatArray:
-        """Columns of a random-walk gain in the `common` basis, (c, k)."""
-        return self.common.T @ self.waves
-
     def linearised(
         self,
         fitted: Fitted,
@@ -257,23 +251,27 @@ class SearchProblem:
         and span all columns of the fit.
         """
         basis = self.hypotheses[1] if basis is None else basis
-        form_discrepancy = self.space.project(
-            fitted.candidate.form_discrepancy(fitted.vector, form_sd).T
-        ).T
+        discrepancy = fitted.candidate.form_discrepancy(fitted.vector, form_sd)
+        both = np.hstack([fitted.jacobian, self.space.project(discrepancy.T).T])
         if random_walk_gain:
-            form_discrepancy = np.hstack([form_discrepancy, random_walk_gain * self.waves])
-        both = np.hstack([fitted.jacobian, form_discrepancy])
+            both = np.hstack([both, random_walk_gain * self.waves])
         inside = basis.T @ both
         outside = both - basis @ inside
-        beyond = np.linalg.norm(outside, axis=0) > OUTSIDE * np.maximum(
-            np.linalg.norm(both, axis=0), 1e-300
-        )
-        rest = orthonormal(outside[:, beyond])
-        jacobian, form_discrepancy = np.split(
+        length = np.maximum(np.linalg.norm(both, axis=0), 1e-300)
+        rest = orthonormal(outside[:, np.linalg.norm(outside, axis=0) > OUTSIDE * length])
+        jacobian, discrepancy = np.split(
             np.vstack([inside, rest.T @ outside]), [len(fitted.vector)], 1
         )
-        here = Linearised(fitted=fitted, jacobian=jacobian, form_discrepancy=form_discrepancy)
-        return LinearFit(here=here, basis=basis, rest=rest, random_walk_gain=random_walk_gain)
+        scores = np.concatenate([b.T @ fitted.residual for b in (basis, rest)])
+        return LinearFit(
+            fitted=fitted,
+            jacobian=jacobian,
+            form_discrepancy=discrepancy,
+            scores=scores[:, None],
+            outside=-0.5 * float(np.sum(fitted.residual**2) - np.sum(scores**2)),
+            random_walk_gain=random_walk_gain,
+            basis=(basis, rest),
+        )
 
     def remaining(self, left: Integrated) -> Structure:
         """The whole test on what an explanation leaves."""
@@ -344,10 +342,7 @@ class SearchProblem:
         Each has the likeliest random-walk gain.
         """
         discrepant = self.linearised(fitted, form_sd, basis=self.common)
-        certain = dataclasses.replace(
-            discrepant.here, form_discrepancy=discrepant.here.form_discrepancy[:, :0]
-        )
-        exact = dataclasses.replace(discrepant, here=certain)
+        exact = dataclasses.replace(discrepant, form_discrepancy=discrepant.form_discrepancy[:, :0])
         return self.with_random_walk_gain(exact), self.with_random_walk_gain(discrepant)
 
     def with_random_walk_gain(self, linear_fit: LinearFit) -> LinearFit:
@@ -355,20 +350,12 @@ class SearchProblem:
 
         Its coordinates begin with the `common` ones.
         """
-        left, here = linear_fit.left_by_unit_information, linear_fit.here
-        random_walk_gain = likeliest(
-            left.scores[:, 0], left.residual(self.waves_in_common), self.data.n
-        )
-        if not random_walk_gain:
+        left, waves = linear_fit.left_by_unit_information, self.common.T @ self.waves
+        gain = likeliest(left.scores[:, 0], left.residual(waves), self.data.n)
+        if not gain:
             return linear_fit
-        form_discrepancy = np.hstack(
-            [here.form_discrepancy, random_walk_gain * left.embed(self.waves_in_common)]
-        )
-        return dataclasses.replace(
-            linear_fit,
-            here=dataclasses.replace(here, form_discrepancy=form_discrepancy),
-            random_walk_gain=random_walk_gain,
-        )
+        columns = np.hstack([linear_fit.form_discrepancy, gain * left.embed(waves)])
+        return dataclasses.replace(linear_fit, form_discrepancy=columns, random_walk_gain=gain)
 
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
         """Explanation of a fit with form discrepant by `form_sd`, its residuals not tested yet."""
@@ -391,12 +378,8 @@ class SearchProblem:
 
     def downwash_evidence(self, fitted: Fitted) -> float:
         """Log Bayes factor over the base model by the measured downwash."""
-        return log_density(self.options.downwash, fitted) - self._base_downwash
-
-    @cached_property
-    def _base_downwash(self) -> float:
-        """Log density of the measured downwash given the base model."""
-        return log_density(self.options.downwash, self.base_fit)
+        downwash = self.options.downwash
+        return log_density(downwash, fitted) - log_density(downwash, self.base_fit)
 
     def tested(self, e: Explanation) -> Explanation:
         """Explanation with its residuals tested, if its effects could then be named."""
@@ -454,4 +437,4 @@ class SearchProblem:
 
     def log_evidence(self, linear_fit: LinearFit) -> float:
         """Log evidence by unit information, with the penalty for a random-walk gain."""
-        return linear_fit.log - bic_penalty(linear_fit.random_walk_gain, self.data.n)
+        return float(linear_fit.log[0]) - bic_penalty(linear_fit.random_walk_gain, self.data.n)
