@@ -189,16 +189,6 @@ def test_a_question_is_for_who_watches(tmp_path, words, told):
     assert told in refused.output.replace(": ", " ")
 
 
-def test_what_is_to_be_planned_is_asked_at_each_look(monkeypatch, tmp_path):
-    asked = []
-    monkeypatch.setattr(
-        "nearlift.run.watch.watch", lambda *given: asked.append(given[5].args[0]) or []
-    )
-    words = ["--watch", "--next", "K_b", "--until", "0.05"]
-    assert small_run.nearlift("run", tmp_path, *words).exit_code == 0
-    assert asked == [VisitQuestion.parsed("K_b", 0.05)]
-
-
 def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
     raw, _ = recording
     found = small_run.nearlift("run", raw, raw, "--watch")

@@ -41,22 +41,6 @@ def test_results_come_in_order(name):
         assert list(ordered(pool, late_first, range(12))) == list(range(12))
 
 
-def test_at_most_so_many_tasks_are_in_flight():
-    drawn = []
-
-    def specs():
-        for x in range(100):
-            drawn.append(x)
-            yield x
-
-    with open_executor("serial") as pool:
-        results = ordered(pool, square, specs(), ahead=5)
-        for taken in range(20):
-            next(results)
-            assert len(drawn) <= taken + 6
-        results.close()
-
-
 def test_what_waits_is_cancelled_when_the_caller_stops():
     started, gate = [], threading.Event()
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nearlift import blas
-from nearlift.errors import DeclarationError, InputRefused, NearliftError, ProductError, UsageError
+from nearlift.errors import InputRefused, NearliftError, ProductError, UsageError
 from nearlift.run import tables
 from nearlift.run.tables import LEDGER, Product
 from nearlift.run.workers import open_executor
@@ -136,26 +136,11 @@ class Stage:
 
 
 def ordered_stages(declared: Iterable[Stage]) -> tuple[Stage, ...]:
-    """The stages, each reading only what an earlier one writes; a report reads every product.
-
-    Raises
-    ------
-    DeclarationError
-        Two stages have one name, or one reads what none before it has written.
-    """
-    stages: dict[str, Stage] = {}
+    """The stages in order; a report reads every product of those before it."""
+    stages: list[Stage] = []
     for stage in declared:
-        written = products_of(stages.values())
-        if stage.name in stages:
-            raise DeclarationError(f"stage {stage.name}", "is declared twice", "rename one of them")
-        if early := [p.file for p in stage.reads if p not in written]:
-            raise DeclarationError(
-                f"stage {stage.name}",
-                f"reads {early[0]}, which no stage before it writes",
-                "put it behind the one that does",
-            )
-        stages[stage.name] = replace(stage, reads=written) if stage.report else stage
-    return tuple(stages.values())
+        stages.append(replace(stage, reads=products_of(stages)) if stage.report else stage)
+    return tuple(stages)
 
 
 def products_of(stages: Iterable[Stage]) -> tuple[Product, ...]:
@@ -234,11 +219,14 @@ class Job:
         """Write a file called ``processed/...`` or ``reports/...``, or remove it (None); returns
         its path. The files of a stage change when the stage is done.
         """
-        if self.pending is None:
-            _put(self.place(name), content)
-        else:
+        path = self.place(name)
+        if self.pending is not None:
             self.pending[name] = content
-        return self.place(name)
+        elif content is None:
+            path.unlink(missing_ok=True)
+        else:
+            tables.write_whole(path, content)
+        return path
 
     def read(self, product: Product) -> tables.Table:
         """A table product of this campaign, as an earlier stage left it."""
@@ -259,13 +247,6 @@ class Job:
     def write_json(self, product: Product, content: object) -> None:
         """Write a JSON product of this campaign."""
         self.put(f"processed/{product.file}", tables.json_bytes(content))
-
-
-def _put(path: Path, content: bytes | None) -> None:
-    if content is None:
-        path.unlink(missing_ok=True)
-    else:
-        tables.write_whole(path, content)
 
 
 @contextlib.contextmanager
@@ -291,7 +272,7 @@ def open_job(
     from nearlift.campaign import manifest as manifests
 
     campaign = manifests.load(root)
-    if root.is_dir() and out.resolve().is_relative_to(root.resolve()):
+    if out.resolve().is_relative_to(root.resolve()):
         raise UsageError(
             "--out",
             f"{str(out.resolve())!r} lies in the campaign's folder, where nothing is written",
@@ -453,9 +434,8 @@ def plan(job: Job) -> Iterator[tuple[Stage, str]]:
     for stage in job.stages:
         if not stage.configured(job.campaign):
             continue
-        why = why_stale(job, stage, ledger)
         late = next((upstream[p.file] for p in stage.reads if p.file in upstream), "")
-        why = why or (f"{late} will run" if late else "")
+        why = why_stale(job, stage, ledger) or (f"{late} will run" if late else "")
         if why:
             upstream |= {p.file: stage.name for p in stage.writes}
         yield stage, why
@@ -477,34 +457,30 @@ def run(
     stages = job.stages if wanted is None else wanted
     stages = [stage for stage in stages if force or stage.configured(job.campaign)]
     ledger = open_ledger(job)
-    if force or any(why_stale(job, stage, ledger) for stage in stages):
-        with locked(job):
+    is_stale = force or any(why_stale(job, stage, ledger) for stage in stages)
+    with locked(job) if is_stale else contextlib.nullcontext():
+        if is_stale:
             # another run may have ended since
             ledger = open_ledger(job)
-            for stage in stages:
-                why = why_stale(job, stage, ledger) or ("asked for" if force else "")
-                if not why:
-                    yield _unchanged(stage, ledger)
-                    continue
-                begin(stage, why)
-                made_of, start = material(job, stage), time.perf_counter()
-                working = replace(job, pending={})
-                outcome = _done(working, stage)
-                wall_s = time.perf_counter() - start
-                ledger = _commit(working, stage, ledger, made_of, outcome, wall_s)
-                yield Step(stage=stage, why=why, outcome=outcome, wall_s=wall_s)
-    else:
-        yield from (_unchanged(stage, ledger) for stage in stages)
+        for stage in stages:
+            why = why_stale(job, stage, ledger) if is_stale else ""
+            if why or force:
+                step, ledger = _step(job, stage, ledger, why or "asked for", begin)
+                yield step
+                continue
+            record = ledger.stages[stage.name]
+            outcome = Outcome(rejected=record.rejected, notes=record.notes)
+            yield Step(stage=stage, why="", outcome=outcome)
 
 
-def _unchanged(stage: Stage, ledger: ProvenanceLedger) -> Step:
-    record = ledger.stages[stage.name]
-    outcome = Outcome(rejected=record.rejected, notes=record.notes)
-    return Step(stage=stage, why="", outcome=outcome)
-
-
-def _done(job: Job, stage: Stage) -> Outcome:
-    """Run a stage on one BLAS thread.
+def _step(
+    job: Job,
+    stage: Stage,
+    ledger: ProvenanceLedger,
+    why: str,
+    begin: Callable[[Stage, str], None],
+) -> tuple[Step, ProvenanceLedger]:
+    """Run a stage on one BLAS thread; write its files, then its record in the ledger.
 
     Raises
     ------
@@ -513,41 +489,31 @@ def _done(job: Job, stage: Stage) -> Outcome:
     ProductError
         The stage did not write what it declares.
     """
+    from nearlift.results.provenance import ProvenanceLedger, StageRecord
+
+    begin(stage, why)
+    made_of, start = material(job, stage), time.perf_counter()
+    files: dict[str, bytes | None] = {}
     try:
         with blas.one_thread():
-            outcome = stage.run(job)
+            outcome = stage.run(replace(job, pending=files))
     except futures.BrokenExecutor:
         raise InputRefused(
             "--executor", "a worker process died", "use fewer workers (memory?), or serial"
         ) from None
     for product in stage.writes:
-        if (job.pending or {}).get(f"processed/{product.file}") is None:
+        if files.get(f"processed/{product.file}") is None:
             raise ProductError(
                 product.file, f"was not written by {stage.name}", "this is a defect of the stage"
             )
-    return outcome
-
-
-def _commit(
-    job: Job,
-    stage: Stage,
-    ledger: ProvenanceLedger,
-    made_of: Mapping[str, str],
-    outcome: Outcome,
-    wall_s: float,
-) -> ProvenanceLedger:
-    """Write the stage's files, then its record; returns the ledger with it."""
-    from nearlift.results.provenance import ProvenanceLedger, StageRecord
-
-    files, order = job.pending or {}, [s.name for s in job.stages]
+    wall_s, order = time.perf_counter() - start, [s.name for s in job.stages]
     before = order[: order.index(stage.name)]
     # a later stage whose file is overwritten has to write it again
     records = {
         name: record
         for name, record in ledger.stages.items()
-        if name in before or record.outputs.keys().isdisjoint(files)
+        if name in before or (name != stage.name and record.outputs.keys().isdisjoint(files))
     }
-    records.pop(stage.name, None)
     ledger = ProvenanceLedger(
         campaign=job.campaign.name,
         vehicle=job.campaign.vehicle.name,
@@ -561,7 +527,7 @@ def _commit(
     # from here until its record is written the stage is stale, whatever happens
     tables.write_whole(job.processed / LEDGER, tables.json_bytes(ledger))
     for name, content in files.items():
-        _put(job.place(name), content)
+        job.put(name, content)
     records[stage.name] = StageRecord(
         material=made_of,
         outputs={n: tables.digest_of(c) for n, c in sorted(files.items()) if c is not None},
@@ -571,7 +537,7 @@ def _commit(
     )
     ledger = replace(ledger, stages={n: records[n] for n in order if n in records})
     tables.write_whole(job.processed / LEDGER, tables.json_bytes(ledger))
-    return ledger
+    return Step(stage=stage, why=why, outcome=outcome, wall_s=wall_s), ledger
 
 
 @contextlib.contextmanager
