@@ -14,7 +14,7 @@ from nearlift import catalogue
 from nearlift.fit import information
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import assemble, fit
-from nearlift.fit.solver import minimise
+from nearlift.fit.solver import minimise, system
 from nearlift.likelihood import budget
 from nearlift.results import Noise
 
@@ -172,12 +172,11 @@ def test_every_line_is_what_brute_force_makes_of_its_error_alone():
         noisy = exact + errors(name, rng, data, MODEL, found.theta, 2000)
         white = problem.project(noisy)
 
-        def linearised(theta, rows, white=white):
-            left = white[rows] - problem.project(problem.log_ratio(theta))
-            return left, -problem.project(problem.slopes(theta))
+        def residuals(theta, rows, white=white):
+            return white[rows] - problem.project(problem.log_ratio(theta))
 
         minima = minimise(
-            linearised,
+            system(problem)._replace(residuals=residuals),
             np.tile(found.theta, (len(white), 1)),
             MODEL.bounds,
             np.sqrt(np.diag(found.covariance)),

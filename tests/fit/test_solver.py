@@ -29,18 +29,23 @@ def curve(misfit: float):
     """
     target = 3 * np.exp(-1.5 * X) + misfit * np.cos(5 * X)
 
-    def linearised(theta, rows):
-        a, b = theta[:, :1], theta[:, 1:]
-        e = np.exp(-b * X)
-        return target - a * e, -np.stack([e, -a * X * e], axis=1)
+    def residuals(theta, rows):
+        return target - theta[:, :1] * np.exp(-theta[:, 1:] * X)
 
-    return linearised
+    def derivatives(theta, rows):
+        e = np.exp(-theta[:, 1:] * X)
+        return -np.stack([e, -theta[:, :1] * X * e], axis=1)
+
+    return solver.System(residuals, derivatives)
 
 
-def gradient(linearised, theta):
+ONE = np.arange(1)
+
+
+def gradient(system, theta):
     """In units of the sizes of what cancels in it."""
-    r, slopes = linearised(theta, np.arange(len(theta)))
-    target = linearised(np.zeros((1, 2)), np.arange(1))[0]
+    r, slopes = (f(theta, np.arange(len(theta))) for f in system)
+    target = system.residuals(np.zeros((1, 2)), ONE)
     return np.abs(slopes @ r[:, :, None])[..., 0] / (
         np.linalg.norm(slopes, axis=2) * np.linalg.norm(target)
     )
@@ -48,48 +53,48 @@ def gradient(linearised, theta):
 
 @given(st.floats(0.0, 1.5), st.floats(-1e-4, 1e-4), st.floats(-1e-4, 1e-4))
 def test_the_gradient_vanishes_wherever_a_search_stopped(misfit, a, b):
-    linearised = curve(misfit)
+    system = curve(misfit)
     rough = np.array([[3.0, 1.5]])
     for _ in range(60):
-        r, slopes = linearised(rough, np.arange(1))
-        rough = rough + 0.5 * np.linalg.lstsq(slopes[0].T, -r[0], rcond=None)[0]
+        r, slopes = (f(rough, ONE)[0] for f in system)
+        rough = rough + 0.5 * np.linalg.lstsq(slopes.T, -r, rcond=None)[0]
     starts = rough + np.array([[0.0, 0.0], [a, b]])
-    best = solver.refine(linearised, starts, FREE)
+    best = solver.refine(system, starts, FREE)
     # forty products, each known to rounding
-    assert (gradient(linearised, best) < 40 * np.finfo(float).eps).all()
+    assert (gradient(system, best) < 40 * np.finfo(float).eps).all()
     assert best[0] == pytest.approx(best[1], rel=1e-11)
 
 
 def test_what_stands_at_a_bound_and_would_leave_stays_and_the_rest_makes_the_best_of_it():
-    linearised = curve(0.1)
+    system = curve(0.1)
     best = solver.refine(
-        linearised, np.array([[2.0, 1.0]]), (np.array([-np.inf, 0.0]), np.array([np.inf, 1.0]))
+        system, np.array([[2.0, 1.0]]), (np.array([-np.inf, 0.0]), np.array([np.inf, 1.0]))
     )
     e = np.exp(-X)
-    target = linearised(np.zeros((1, 2)), np.arange(1))[0][0]
+    target = system.residuals(np.zeros((1, 2)), ONE)[0]
     assert best[0, 1] == 1.0
     # linear in what is left
     assert best[0, 0] == pytest.approx(e @ target / (e @ e), rel=1e-12)
 
 
 def test_a_direction_that_the_data_do_not_determine_stays_where_it_was():
-    def linearised(theta, rows):
-        return 1.0 - (theta.sum(axis=1)[:, None] * X), -np.broadcast_to(X, (len(theta), 2, len(X)))
-
-    best = solver.refine(linearised, np.array([[0.5, 0.1]]), FREE)
+    system = solver.System(
+        lambda theta, rows: 1.0 - theta.sum(axis=1)[:, None] * X,
+        lambda theta, rows: -np.broadcast_to(X, (len(theta), 2, len(X))),
+    )
+    best = solver.refine(system, np.array([[0.5, 0.1]]), FREE)
     assert best.sum() == pytest.approx(X.sum() / (X @ X), rel=1e-12)
     assert best[0, 0] - best[0, 1] == pytest.approx(0.4, rel=1e-12)
 
 
 def test_a_problem_without_a_value_is_left_alone():
-    linearised = curve(0.1)
+    system = curve(0.1)
 
     def broken(theta, rows):
-        r, slopes = linearised(theta, rows)
-        return np.where(rows[:, None] == 0, np.nan, r), slopes
+        return np.where(rows[:, None] == 0, np.nan, system.residuals(theta, rows))
 
     start = np.array([[3.0, 1.5], [3.0, 1.5]])
-    best = solver.refine(broken, start, FREE)
+    best = solver.refine(system._replace(residuals=broken), start, FREE)
     assert (best[0] == start[0]).all()
     assert (best[1] != start[1]).all()
 
@@ -146,13 +151,12 @@ def test_all_exponents_at_once_are_each_alone():
 def test_a_search_that_gives_up_is_no_estimate():
     """A trough that runs on for ever: no step is the last one."""
 
-    def linearised(x, rows):
-        first = rows[:, None] == 0
-        left = np.where(first, x - 1, np.exp(-x))
-        return left, np.where(first, 1.0, -np.exp(-x))[:, None]
-
+    trough = solver.System(
+        lambda x, rows: np.where(rows[:, None] == 0, x - 1, np.exp(-x)),
+        lambda x, rows: np.where(rows[:, None] == 0, 1.0, -np.exp(-x))[:, None],
+    )
     found = solver.minimise(
-        linearised,
+        trough,
         np.array([[0.5], [0.5]]),
         (np.array([-1e9]), np.array([1e9])),
         np.array([1e-6]),
@@ -162,7 +166,10 @@ def test_a_search_that_gives_up_is_no_estimate():
 
 def test_a_bound_is_a_minimum_and_no_value_is_none():
     found = solver.minimise(
-        lambda x, rows: (np.where(rows[:, None] == 0, x - 3.0, np.nan), np.ones((len(x), 1, 1))),
+        solver.System(
+            lambda x, rows: np.where(rows[:, None] == 0, x - 3.0, np.nan),
+            lambda x, rows: np.ones((len(x), 1, 1)),
+        ),
         np.zeros((2, 1)),
         (np.array([-1.0]), np.array([2.0])),
         np.array([1.0]),

@@ -139,16 +139,17 @@ def _text(held: HeldQuantity, unanswered: Sequence[str]) -> str:
     return " ".join(parts)
 
 
-def _raised(problem: Problem, free: bool) -> solver.Linearised:
-    """Residuals and derivatives of the ratio to a power, the last parameter; held if not `free`."""
+def _raised(problem: Problem, free: bool) -> solver.System:
+    """System of the ratio to a power, the last parameter; held if not `free`."""
 
-    def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
-        at, n = x[:, :-1], x[:, -1:]
-        ratio = problem.log_ratio(at)
-        slopes = np.concatenate([n[:, :, None] * problem.slopes(at), free * ratio[:, None]], axis=1)
-        return problem.left(n * ratio), -problem.project(slopes)
+    def derivatives(x: FloatArray, _: IntArray) -> FloatArray:
+        ratio, n = problem.log_ratio(x[:, :-1]), x[:, -1:, None]
+        slopes = n * problem.slopes(x[:, :-1])
+        return -problem.project(np.concatenate([slopes, free * ratio[:, None]], axis=1))
 
-    return linearised
+    return solver.System(
+        lambda x, _: problem.left(x[:, -1:] * problem.log_ratio(x[:, :-1])), derivatives
+    )
 
 
 def at_exponents(
@@ -160,9 +161,9 @@ def at_exponents(
     start = np.column_stack([np.tile(theta, (len(exponents), 1)), exponents])
     bounds = _bounds(problem)
     u = np.sqrt(np.diag(parameter_covariance(problem.project(problem.slopes(theta)))[0]))
-    linearised = _raised(problem, free=False)
-    minima = solver.minimise(linearised, start, bounds, np.r_[np.where(u > 0, u, 1.0), 1.0])
-    best = solver.refine(linearised, minima.theta, bounds)
+    system = _raised(problem, free=False)
+    minima = solver.minimise(system, start, bounds, np.r_[np.where(u > 0, u, 1.0), 1.0])
+    best = solver.refine(system, minima.theta, bounds)
     answers = []
     for x in best[minima.converged]:
         jacobian = x[-1] * problem.slopes(x[:-1])
@@ -188,10 +189,10 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[Number, Number]:
     low, high = _bounds(problem)
     scale = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * scale, high - 1e-6 * scale)
-    linearised = _raised(problem, free=True)
-    minimum = solver.minimise(linearised, start[None], (low, high), scale).theta
-    best = solver.refine(linearised, minimum, (low, high))
-    slopes = linearised(best, np.zeros(1, dtype=np.int64))[1][0] * scale[:, None]
+    system = _raised(problem, free=True)
+    minimum = solver.minimise(system, start[None], (low, high), scale).theta
+    best = solver.refine(system, minimum, (low, high))
+    slopes = system.derivatives(best, np.zeros(1, dtype=np.int64))[0] * scale[:, None]
     information = slopes @ slopes.T
     at_bound = np.any(best - low < 1e-4 * scale) or np.any(high - best < 1e-4 * scale)
     if at_bound or np.linalg.cond(information) > 1e12:

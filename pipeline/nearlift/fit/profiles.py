@@ -127,9 +127,7 @@ def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> F
     start[:, i] = value
     free = np.arange(len(fit.theta)) != i
     scale = np.where(sd > 0, sd, 1.0)
-    return solver.minimise(
-        lambda theta, _: problem.linearised(theta), start, problem.model.bounds, scale, free
-    ).chi2
+    return solver.minimise(solver.system(problem), start, problem.model.bounds, scale, free).chi2
 
 
 def _intervals(value: FloatArray, rise: FloatArray, dof: float) -> ProfileIntervals:

@@ -1,49 +1,81 @@
 """Nonlinear least squares: lmfit for a fit that is quoted, one batched method for all others.
 
-Rivals, profiles, and fits of resampled or left-out trials need the same minimum at dozens or
-thousands of nearby settings. One call of the model serves them
-all, by Levenberg-Marquardt steps. Both end with Newton steps, so
-that they agree to rounding.
+Rivals, candidates, profiles, and fits of resampled or left-out trials need the same minimum at
+dozens or thousands of nearby settings. One call of the model serves them all, by
+Levenberg-Marquardt steps. Fits of one model then end with Newton steps, as lmfit's do, so that
+both agree to rounding.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import isolation
+from nearlift import derivative, isolation
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray
 
-#: Maximum number of iterations.
+#: Maximum number of steps of a search. Ours: good starts need about ten.
 ROUNDS = 100
-#: Step, relative to a parameter's scale, below which the search ends.
+#: Step, relative to a parameter's scale, below which a search ends; chi2 then changes by 1e-14.
 STILL = 1e-7
-#: Damping relative to the diagonal: at a start near the minimum and far from it, at least after a
-#: failed step, and where the search gives up.
+#: Damping relative to the diagonal (Marquardt 1963): at a start near the minimum and far from it,
+#: at least after a failed step, and where the search gives up because steps are rounding.
 DAMPING_MIN, FAR_DAMPING, DAMPING, DAMPING_MAX = 1e-8, 1.0, 1e-3, 1e10
-#: A problem has converged where an undamped step would be smaller than this, relative to every
-#: parameter's scale.
+#: Undamped step, relative to a parameter's scale, below which a search has converged. Ours: no
+#: printed digit shows 1e-4 of a standard uncertainty.
 CONVERGED = 1e-4
 #: Change of the residuals by a step of one scale, relative to their size, below which a parameter
-#: stays at its start: the derivatives are then rounding.
+#: stays at its start. A derivative by differences is rounding below 1e-10.
 NO_EFFECT = 1e-9
-#: Maximum number of Newton steps, and the relative singular value below which a Gauss-Newton step
-#: ignores a direction.
-LAST_STEPS, DETERMINED = 20, 1e-9
-#: Step of the differences for chi2's curvature, in units of what moves chi2 by 1, and the least
-#: curvature of a minimum, relative to that without misfit; rounding contributes 1e-11.
-CURVATURE_STEP, CURVED = 1e-3, 1e-6
+#: Damping, relative to the diagonal, that gives a singular normal matrix an inverse: above the
+#: rounding of its elements, 1e-16 times their number.
+RIDGE = 1e-12
+#: Maximum number of Newton steps: each that is kept halves the step, and 2^-20 is 1e-6.
+LAST_STEPS = 20
+#: Relative singular value below which a Gauss-Newton step ignores a direction: rounding of slopes
+#: by differences.
+DETERMINED = 1e-9
+#: Least curvature of a minimum of chi2, relative to that without misfit; rounding contributes 1e-8.
+CURVED = 1e-6
 #: Residual in place of one without a value: above any real misfit, so that lmfit can leave a pole.
 NO_VALUE = 1e3
 
-Linearised = Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
+Values = Callable[[FloatArray, IntArray], FloatArray]
+
+
+class System(NamedTuple):
+    """Residuals (k, n) and their derivatives (k, p, n) of some of m problems.
+
+    Each maps parameters (k, p) and their problems' indices (k,). Both are nan where the model has
+    no value.
+    """
+
+    residuals: Values
+    derivatives: Values
+
+    def penalised(self, mean: FloatArray, sd: FloatArray) -> System:
+        """System with a normal prior of each parameter, (p,) each, as a further residual."""
+
+        def residuals(theta: FloatArray, rows: IntArray) -> FloatArray:
+            return np.hstack([self.residuals(theta, rows), (theta - mean) / sd])
+
+        def derivatives(theta: FloatArray, rows: IntArray) -> FloatArray:
+            prior = np.broadcast_to(np.diag(1 / sd), (len(theta), len(sd), len(sd)))
+            return np.concatenate([self.derivatives(theta, rows), prior], axis=2)
+
+        return System(residuals, derivatives)
+
+
+def system(problem: Problem) -> System:
+    """System of a model's likelihood, the same for every row."""
+    return System(lambda t, _: problem.residuals(t), lambda t, _: problem.derivatives(t))
 
 
 def solve(
@@ -66,13 +98,8 @@ def solve(
         max(abs(p.value), 0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10)))
         for p in parameters
     ]
-    scale = np.array(size)
-
-    def linearised(theta: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
-        return problem.linearised(theta)
-
-    bounds, result = problem.model.bounds, None
-    minima = minimise(linearised, first[None], bounds, scale, damping=FAR_DAMPING)
+    scale, bounds, result = np.array(size), problem.model.bounds, None
+    minima = minimise(system(problem), first[None], bounds, scale, damping=FAR_DAMPING)
     theta = minima.theta[0]
     if quoted or not minima.converged[0]:
         theta, result = _by_lmfit(problem, first, scale)
@@ -82,7 +109,7 @@ def solve(
                 f"lmfit stopped: {result.message}",
                 "look at the residuals, or tighten the parameters' bounds",
             )
-    best: FloatArray = refine(linearised, theta[None], bounds)[0]
+    best: FloatArray = refine(system(problem), theta[None], bounds)[0]
     return best, result
 
 
@@ -178,78 +205,93 @@ class Minima:
 
 
 def minimise(
-    linearised: Linearised,
+    system: System,
     start: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
-    scale: FloatArray,
+    scale: FloatArray | None = None,
     free: NDArray[np.bool_] | None = None,
     damping: float = DAMPING_MIN,
+    enough: float = 0.0,
 ) -> Minima:
     """Minimise the sum of squares of each of m problems by Levenberg-Marquardt steps.
 
-    A prior of a parameter is a further residual.
+    Derivatives are taken only where a step has been accepted.
 
     Parameters
     ----------
-    linearised : callable
-        Maps parameters (k, p) and their problems' indices (k,) to residuals (k, n) and derivatives
-        (k, p, n). Both are nan where the model has no value.
+    system : System
     start : (m, p)
     bounds : pair of (p,)
-    scale : (p,)
-        Typical size of each parameter's change, such as its standard uncertainty.
+    scale : (p,), optional
+        Typical size of each parameter's change, such as its standard uncertainty. If not given, it
+        is the change that moves chi2 by 1 at the first start.
     free : (p,) bool, optional
         Parameters that are optimised (all if not given); the others are held at their start.
     damping : float
         Of the first step, relative to the diagonal.
+    enough : float
+        Gain in chi2 by one step, or expected of a step that failed, below which a search has
+        converged.
     """
     theta = np.clip(np.array(start, dtype=float), *bounds)
     which = np.arange(theta.shape[1]) if free is None else np.flatnonzero(free)
     limits = [b[which] for b in bounds]
+    r = system.residuals(theta, np.arange(len(theta))).copy()
+    chi2 = _chi2(r)
+    converged = np.isfinite(chi2)
+    if not len(which) or not converged.any():
+        return Minima(theta=theta, chi2=chi2, converged=converged)
+    slopes = np.zeros((len(theta), len(which), r.shape[1]))
 
-    def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        r, slopes = linearised(theta, rows)
-        slopes = slopes[:, which] * scale[which][:, None]
-        return _chi2(r), r, np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+    def differentiate(rows: IntArray) -> None:
+        d = system.derivatives(theta[rows], rows)[:, which]
+        slopes[rows] = np.nan_to_num(d, posinf=0.0, neginf=0.0)
 
-    chi2, r, slopes = at(theta, np.arange(len(theta)))
-    if not len(which):
-        return Minima(theta=theta, chi2=chi2, converged=np.isfinite(chi2))
-    r, slopes = r.copy(), slopes.copy()
+    first = np.flatnonzero(converged)
+    differentiate(first)
+    if scale is None:
+        length = np.linalg.norm(slopes[first[0]], axis=1)
+        unit = 1 / np.where(length > 0, length, 1.0)
+    else:
+        unit = scale[which]
+
+    def step(rows: IntArray, damping: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Points after a step within the bounds, its size, and the linear model's chi2 there."""
+        at, scaled = theta[rows], slopes[rows] * unit[:, None]
+        inner = _step(at[:, which], r[rows], scaled, limits, damping)
+        at[:, which] = np.clip(at[:, which] + unit * inner, *limits)
+        moved = np.abs((at - theta[rows])[:, which] / unit).max(axis=1)
+        return at, moved, _chi2(r[rows] + (inner[:, None] @ scaled)[:, 0])
+
     damp = np.full(len(theta), damping)
-    active = np.isfinite(chi2)
+    active, stale = converged.copy(), np.zeros(len(theta), dtype=bool)
     for _ in range(ROUNDS):
         rows = np.flatnonzero(active)
         if not len(rows):
             break
-        trial = theta[rows]
-        trial[:, which] += scale[which] * _step(
-            trial[:, which], r[rows], slopes[rows], limits, damp[rows]
-        )
-        trial = np.clip(trial, *bounds)
-        moved = np.abs((trial - theta[rows]) / scale).max(axis=1)
-        new, new_r, new_slopes = at(trial, rows)
+        if stale[rows].any():
+            differentiate(rows[stale[rows]])
+        trial, moved, linear = step(rows, damp[rows])
+        new_r = system.residuals(trial, rows)
+        new = _chi2(new_r)
         better = new <= chi2[rows]
+        # only a step that is hardly damped shows by its failure that little is left to gain
+        reached = np.where(better, new, np.where(damp[rows] < DAMPING, linear, -np.inf))
+        converged[rows] = chi2[rows] - reached < enough
         ahead = rows[better]
-        theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = (
-            x[better] for x in (trial, new, new_r, new_slopes)
-        )
+        theta[ahead], chi2[ahead], r[ahead] = trial[better], new[better], new_r[better]
+        stale[rows] = better
         damp[rows] = np.where(better, damp[rows] / 10, np.maximum(damp[rows] * 10, DAMPING))
-        active[rows] = (moved > STILL) & (damp[rows] < DAMPING_MAX)
-    whole = np.isfinite(chi2)
-    left = np.full((len(theta), len(which)), np.inf)
-    left[whole] = _step(
-        theta[whole][:, which], r[whole], slopes[whole], limits, np.zeros(int(whole.sum()))
-    )
-    # a step that a bound stops counts as converged
-    reached = np.clip(theta[:, which] + left * scale[which], *limits)
-    remaining = np.abs((reached - theta[:, which]) / scale[which]).max(axis=1)
-    return Minima(theta=theta, chi2=chi2, converged=whole & (remaining <= CONVERGED))
+        active[rows] = (moved > STILL) & (damp[rows] < DAMPING_MAX) & ~converged[rows]
+    rest = first[~converged[first]]
+    if len(rest):
+        # there an undamped step has to be short; a bound may stop it
+        differentiate(rest)
+        converged[rest] = step(rest, np.zeros(len(rest)))[1] <= CONVERGED
+    return Minima(theta=theta, chi2=chi2, converged=converged)
 
 
-def refine(
-    linearised: Linearised, theta: FloatArray, bounds: tuple[FloatArray, FloatArray]
-) -> FloatArray:
+def refine(system: System, theta: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Minima refined by Newton steps to a vanishing gradient of chi2, until the steps shrink no
     more.
 
@@ -260,8 +302,7 @@ def refine(
 
     Parameters
     ----------
-    linearised : callable
-        As in `minimise`.
+    system : System
     theta : (m, p)
     bounds : pair of (p,)
 
@@ -270,55 +311,52 @@ def refine(
     (m, p)
         Unchanged in rows without a finite chi2.
     """
+    rows = [_refined(system, i, x, bounds) for i, x in enumerate(theta)]
+    return np.array(rows).reshape(theta.shape)
+
+
+def _refined(
+    system: System, row: int, best: FloatArray, bounds: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """One row of `refine`."""
     low, high = bounds
 
-    def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        r, slopes = linearised(theta, rows)
-        slopes = np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+    def at(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residuals, slopes and gradient at x (k, p)."""
+        rows = np.full(len(x), row)
+        r = system.residuals(x, rows)
+        slopes = np.nan_to_num(system.derivatives(x, rows), posinf=0.0, neginf=0.0)
         return r, slopes, (slopes @ np.nan_to_num(r)[:, :, None])[..., 0]
 
-    every = np.arange(len(theta))
-    r, slopes, gradient = at(theta, every)
-    least, size = _chi2(r), np.linalg.norm(slopes, axis=2)
+    def gradients(x: FloatArray) -> FloatArray:
+        return at(x.reshape(-1, len(best)))[2].reshape(x.shape)
+
+    r, slopes, gradient = (value[0] for value in at(best[None]))
+    least, size = r @ r, np.linalg.norm(slopes, axis=1)
+    if not np.isfinite(least):
+        return best
+    # what moves chi2 by 1
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 0.0)
-    moves = np.eye(theta.shape[1])[:, None, :] * CURVATURE_STEP * unit
-    bent = (
-        np.stack([at(theta + h, every)[2] - at(theta - h, every)[2] for h in moves], axis=2)
-        * unit[:, :, None]
-        / (2 * CURVATURE_STEP)
-    )
-    bent = (bent + bent.swapaxes(1, 2)) / 2
-    r, best, before, active = r.copy(), theta, np.full(len(theta), np.inf), np.isfinite(least)
+    change, apart = derivative.central(gradients, best, unit, low, high)
+    hessian = change / np.where(apart > 0, apart, 1.0)[:, None] * np.outer(unit, unit)
+    # without a value nearby it shows no minimum
+    hessian = np.nan_to_num((hessian + hessian.T) / 2, posinf=0.0, neginf=0.0)
+    before = np.inf
     for _ in range(LAST_STEPS):
-        rows = np.flatnonzero(active)
-        if not len(rows):
+        held = ((best <= low) & (gradient > 0)) | ((best >= high) & (gradient < 0))
+        free, step = (size > 0) & ~held, np.zeros(len(best))
+        curvature = hessian[np.ix_(free, free)]
+        if np.linalg.eigvalsh(curvature).min(initial=np.inf) > CURVED:
+            step[free] = np.linalg.solve(curvature, -(gradient * unit)[free])
+        else:
+            columns = (slopes[free] * unit[free, None]).T
+            step[free] = np.linalg.lstsq(columns, -r, rcond=DETERMINED)[0]
+        trial = np.clip(best + step * unit, low, high)
+        moved = float(np.max(np.abs(trial - best) * size, initial=0.0))
+        new_r, new_slopes, new_gradient = (value[0] for value in at(trial[None]))
+        if moved == 0 or moved >= before / 2 or not new_r @ new_r <= (1 + 1e-9) * least:
             break
-        step = np.zeros((len(rows), theta.shape[1]))
-        for k, row in enumerate(rows):
-            g = gradient[row]
-            free = (
-                (size[row] > 0) & ~((best[row] <= low) & (g > 0)) & ~((best[row] >= high) & (g < 0))
-            )
-            curvature, down = bent[row][np.ix_(free, free)], -(g * unit[row])[free]
-            if np.linalg.eigvalsh(curvature).min(initial=np.inf) > CURVED:
-                step[k, free] = np.linalg.solve(curvature, down) * unit[row, free]
-            else:
-                step[k, free] = (
-                    np.linalg.lstsq(
-                        (slopes[row, free] * unit[row, free, None]).T, -r[row], rcond=DETERMINED
-                    )[0]
-                    * unit[row, free]
-                )
-        trial = np.clip(best[rows] + step, low, high)
-        moved = np.max(np.abs(trial - best[rows]) * size[rows], axis=1, initial=0.0)
-        new_r, new_slopes, new_gradient = at(trial, rows)
-        good = (moved < before[rows] / 2) & (_chi2(new_r) <= (1 + 1e-9) * least[rows])
-        ahead = rows[good]
-        best = best.copy()
-        best[ahead], before[ahead], r[ahead], slopes[ahead], gradient[ahead] = (
-            x[good] for x in (trial, moved, new_r, new_slopes, new_gradient)
-        )
-        active[rows] = good & (moved > 0)
+        best, before, r, slopes, gradient = trial, moved, new_r, new_slopes, new_gradient
     return best
 
 
@@ -326,7 +364,7 @@ def _step(
     theta: FloatArray,
     r: FloatArray,
     slopes: FloatArray,
-    bounds: list[FloatArray],
+    limits: list[FloatArray],
     damping: FloatArray,
 ) -> FloatArray:
     """Damped Gauss-Newton steps in units of the scale; 0 for what has no effect or would leave a
@@ -334,14 +372,14 @@ def _step(
     """
     gradient = (slopes @ r[:, :, None])[..., 0]
     curved = slopes @ slopes.swapaxes(-1, -2)
-    low, high = bounds
+    low, high = limits
     stuck = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
     stuck |= np.einsum("kpp->kp", curved) < NO_EFFECT**2 * _chi2(r)[:, None]
     gradient = np.where(stuck, 0.0, gradient)
     curved = np.where(stuck[:, :, None] | stuck[:, None, :], 0.0, curved)
     diagonal = np.einsum("kpp->kp", curved)
-    extra = damping[:, None] * diagonal + 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-300)
-    damped = curved + np.eye(theta.shape[1]) * np.where(diagonal > 0, extra, 1.0)[:, None, :]
+    extra = np.where(diagonal > 0, (damping[:, None] + RIDGE) * diagonal, 1.0)
+    damped = curved + np.eye(theta.shape[1]) * extra[:, None, :]
     return np.asarray(-np.linalg.solve(damped, gradient[..., None])[..., 0], dtype=np.float64)
 
 

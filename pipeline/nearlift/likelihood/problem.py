@@ -204,12 +204,6 @@ class Problem:
         """Derivatives of the coefficients of `level_columns` by the parameters, (K, p)."""
         return -self.best_levels(jacobian.T).T
 
-    def linearised(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter
-        (..., p, n).
-        """
-        return self.residuals(theta), self.derivatives(theta)
-
     def derivatives(self, theta: FloatArray) -> FloatArray:
         """Derivatives of `residuals` with respect to each parameter, (..., p, n)."""
         return -self.project(self.slopes(theta))

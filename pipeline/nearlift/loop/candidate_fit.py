@@ -7,14 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
+from nearlift.fit import solver
 from nearlift.likelihood.problem import Problem
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.starts import Starts
 
 #: Effects with their flat vector, fitted or assumed: the base model's entries, then their own.
 Point = tuple[tuple[Effect, ...], FloatArray]
-#: Most bisections of a start beyond a pole towards the null.
+#: Maximum number of bisections of a start beyond a pole towards the null.
 HALVINGS = 8
+#: Gain in the objective by a step below which a candidate's fit ends: evidences differ by units.
+ENOUGH = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,81 +82,36 @@ def inverse(information: FloatArray) -> FloatArray:
 
 
 def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:
-    """Penalised least squares from `start`, by Levenberg-Marquardt steps within the bounds.
-
-    Parameters
-    ----------
-    candidate : Candidate
-    space : Problem
-        Whitens and projects out L_inf.
-    log_lift : (n,)
-    start : (P,)
-    """
-    low, high = candidate.bounds
-    mean, sd = candidate.prior
-    weight = 1 / sd
-
-    def residual(vector: FloatArray) -> FloatArray:
-        return space.project(log_lift - candidate.log_ratio(vector))
-
-    def cost(r: FloatArray, vector: FloatArray) -> float:
-        total = float(np.sum(r**2) + np.sum(((vector - mean) * weight) ** 2))
-        return total if np.isfinite(total) else np.inf
-
-    vector = np.clip(start, low, high)
-    r = residual(vector)
-    best = cost(r, vector)
-    damping = 1e-6
-    for _ in range(25 if np.isfinite(best) else 0):
-        columns = candidate.jacobian(vector)
-        j = space.project(columns.T).T
-        length = np.sqrt(np.sum(j**2, axis=0) + weight**2)
-        length = np.where(length > 0, length, 1.0)
-        normal = (j.T @ j + np.diag(weight**2)) / np.outer(length, length)
-        gradient = (j.T @ r - weight**2 * (vector - mean)) / length
-        gained = 0.0
-        for _ in range(8):
-            damped = normal + damping * np.eye(len(vector))
-            step = _step(damped, gradient, length, vector, low, high)
-            trial = np.clip(vector + step, low, high)
-            r_trial = residual(trial)
-            value = cost(r_trial, trial)
-            if value < best:
-                gained = best - value
-                vector, r, best, damping = trial, r_trial, value, max(damping / 10, 1e-9)
-                break
-            damping = max(damping * 20, 1e-6)
-        if gained < 1e-3:
-            break
-    return Fitted(
-        candidate=candidate,
-        space=space,
-        vector=vector,
-        residual=r,
-        penalty=best - float(np.sum(r**2)),
-    )
+    """Penalised least squares from `start` (P,); `space` whitens and projects out L_inf."""
+    return _fits(candidate, space, log_lift, start[None])[0]
 
 
-def _step(
-    normal: FloatArray,
-    gradient: FloatArray,
-    length: FloatArray,
-    vector: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-) -> FloatArray:
-    """Gauss-Newton step with an active set: entries at a bound it would cross are held."""
-    free = np.ones(len(vector), dtype=bool)
-    step = np.zeros(len(vector))
-    for _ in range(len(vector)):
-        step[:] = 0.0
-        scaled = np.linalg.lstsq(normal[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]
-        step[free] = scaled / length[free]
-        stuck = free & (((vector <= low) & (step < 0)) | ((vector >= high) & (step > 0)))
-        if not stuck.any():
-            break
-        free &= ~stuck
-    return step
+def _fits(
+    candidate: Candidate, space: Problem, log_lift: FloatArray, starts: FloatArray
+) -> list[Fitted]:
+    """Penalised least squares of log lift (n,) from each of `starts` (m, P), all at once."""
+    bounds, (mean, sd) = candidate.bounds, candidate.prior
+
+    def residuals(vectors: FloatArray) -> FloatArray:
+        return space.project(log_lift - candidate.log_ratio(vectors))
+
+    def derivatives(vectors: FloatArray) -> FloatArray:
+        return -space.project(candidate.jacobian(vectors).swapaxes(1, 2))
+
+    best = np.clip(starts, *bounds)
+    if candidate.size:
+        system = solver.System(lambda v, _: residuals(v), lambda v, _: derivatives(v))
+        best = solver.minimise(system.penalised(mean, sd), best, bounds, enough=ENOUGH).theta
+    return [
+        Fitted(
+            candidate=candidate,
+            space=space,
+            vector=vector,
+            residual=r,
+            penalty=float(np.sum(((vector - mean) / sd) ** 2)),
+        )
+        for vector, r in zip(best, residuals(best), strict=True)
+    ]
 
 
 def search(candidate: Candidate, starts: Starts, log_lift: FloatArray) -> Fitted:
@@ -167,10 +125,11 @@ def optima(candidate: Candidate, starts: Starts, log_lift: FloatArray) -> list[F
     A start beyond a pole of the model, where some trial has no predicted value, is bisected towards
     the null. If that does not help, the result's chi2 is nan.
     """
-    fits = [
-        fit(candidate, starts.space, log_lift, _short_of_pole(candidate, start.vector, start.null))
+    vectors = [
+        _short_of_pole(candidate, start.vector, start.null)
         for start in starts.ranked(candidate, log_lift)[:2]
     ]
+    fits = _fits(candidate, starts.space, log_lift, np.array(vectors))
     return sorted(fits, key=lambda f: np.nan_to_num(f.cost, nan=np.inf))
 
 

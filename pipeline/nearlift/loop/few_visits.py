@@ -96,16 +96,15 @@ def without_each(problem: SearchProblem, whole: Fitted) -> FloatArray:
         """Weighted residuals of x (k, c, n) with L_inf projected out."""
         return np.asarray((x - levels(x, rows)) * root[rows][:, None])
 
-    def linearised(vectors: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        left = free((problem.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
-        slopes = -free(candidate.jacobian(vectors).swapaxes(1, 2), rows)
-        prior = np.broadcast_to(np.diag(1 / sd), (len(vectors), len(sd), len(sd)))
-        return np.hstack([left, (vectors - mean) / sd]), np.concatenate([slopes, prior], axis=2)
+    def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
+        return free((problem.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
 
-    length = np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / sd**2)
-    scale = 1 / np.where(length > 0, length, 1.0)
+    def derivatives(vectors: FloatArray, rows: IntArray) -> FloatArray:
+        return -free(candidate.jacobian(vectors).swapaxes(1, 2), rows)
+
     start = np.tile(whole.vector, (len(weight), 1))
-    return solver.minimise(linearised, start, candidate.bounds, scale).theta
+    system = solver.System(residuals, derivatives).penalised(mean, sd)
+    return solver.minimise(system, start, candidate.bounds).theta
 
 
 def _weights(problem: SearchProblem) -> tuple[IntArray, FloatArray]:

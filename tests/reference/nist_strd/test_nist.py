@@ -19,7 +19,7 @@ import pytest
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.fit.information import parameter_covariance
-from nearlift.fit.solver import FAR_DAMPING, minimise, refine, solve
+from nearlift.fit.solver import FAR_DAMPING, minimise, refine, solve, system
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Observations
@@ -230,13 +230,13 @@ def test_batched_steps_end_at_the_certified_parameters_or_say_that_they_do_not(n
     values = np.array([q.value for q in p.model.parameters])
     with np.errstate(all="ignore"):
         minima = minimise(
-            lambda theta, _: p.linearised(theta),
+            system(p),
             values[None],
             p.model.bounds,
             np.abs(values),
             damping=FAR_DAMPING,
         )
-        theta = refine(lambda theta, _: p.linearised(theta), minima.theta, p.model.bounds)[0]
+        theta = refine(system(p), minima.theta, p.model.bounds)[0]
     assert minima.converged[0] or name in HARD
     if minima.converged[0]:
         assert digits(theta, read(name).certified) >= DIGITS
