@@ -1,4 +1,4 @@
-"""Coverage of intervals with errors that trials share, beside lmfit as it is commonly used.
+"""Coverage of intervals with errors that trials share, next to lmfit as it is commonly used.
 
 The independent simulator makes every campaign record by record. Two kinds: *stated*, with a gain
 per session and per throttle, an offset of every distance and a load cell that bends, all stated in
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import cache
@@ -22,10 +21,9 @@ import lmfit
 import numpy as np
 import pandas as pd
 from scipy.stats import binom, norm, t
-from tests.calibration import forms, pages, spread
-from tests.calibration.figures import clopper_pearson
+from tests.calibration import forms, spread
+from tests.calibration.figures import clopper_pearson, table, write
 from tests.calibration.simulator import Shared, Spec, simulate
-from tests.calibration.streams import unordered
 from tests.unit.manifests import CRAZYFLIE, RIG
 
 from nearlift import catalogue
@@ -38,21 +36,14 @@ LEVELS = (68, 90, 95)
 #: Distance datums of the stated kind, mm; distances and visits of each of few visits.
 DATUMS = {"0.2 mm": 0.2, "0.5 mm": 0.5}
 FEW = {"4x2": (4, 2), "5x2": (5, 2), "9x1": (9, 1), "6x3": (6, 3)}
-BASE = {
-    "ground": "sanchez_cuevas",
-    "ceiling": "hsiao_chirarattananon",
-    "sidewall": "sidewall_decay",
-}
 SESSION_GAIN, THROTTLE_GAIN, VISIT_GAIN, CELL_GF = 0.003, 0.003, 0.005, 1.5
 GRAVITY = 9.8
 #: Seeds of reported figures; any others are for trials.
 REPORTED = 800_000
-GROUP = ["design", "boundary", "name"]
+JOB, GROUP = ["design", "boundary", "seed"], ["design", "boundary", "name"]
 
 Ends = dict[str, float]
 """value, u, and lo and hi at each of `LEVELS`."""
-Job = tuple[str, str, int]
-"""Design, boundary, seed."""
 
 
 @cache
@@ -79,39 +70,32 @@ def components(datum_mm: float, throttle: bool = True) -> tuple[budget.Component
     return budget.components(campaign)
 
 
-def stated_spec(boundary: str, datum_mm: float, throttle: bool = True) -> Spec:
-    """160 trials in four sessions: 10 stations, 4 throttles, 4 visits."""
+def spec(boundary: str, design: str, throttle: bool = True) -> Spec:
+    """Stated: 160 trials in four sessions, 10 stations, 4 throttles, 4 visits. Few: four throttles
+    at each of a few visits, one session.
+    """
+    common = {"boundary": boundary, "realism": False, "samples": 260}
+    if design in FEW:
+        distances, visits = FEW[design]
+        shared = Shared(visit_gain=VISIT_GAIN)
+        return Spec(**common, visits=visits, sessions=1, distances=distances, shared=shared)
     shared = Shared(
         session_gain=SESSION_GAIN,
         throttle_gain=THROTTLE_GAIN if throttle else 0.0,
-        datum_m=1e-3 * datum_mm,
+        datum_m=1e-3 * DATUMS[design],
         cell_N=1e-3 * GRAVITY * CELL_GF,
         range_N=GRAVITY,
     )
-    return Spec(
-        boundary=boundary, realism=False, visits=4, sessions=4, samples=260, every=2, shared=shared
-    )
-
-
-def few_spec(boundary: str, design: str) -> Spec:
-    """Four throttles at each of a few visits, one session."""
-    distances, visits = FEW[design]
-    return Spec(
-        boundary=boundary,
-        realism=False,
-        visits=visits,
-        sessions=1,
-        samples=260,
-        distances=distances,
-        shared=Shared(visit_gain=VISIT_GAIN),
-    )
+    return Spec(**common, visits=4, sessions=4, every=2, shared=shared)
 
 
 def interval(value: float, u: float, dof: float = np.inf) -> Ends:
     """A two-sided interval at each level, by Student's t."""
-    quantile = {k: (t(dof) if np.isfinite(dof) else norm()).ppf(0.5 + k / 200) for k in LEVELS}
-    ends = {f"lo{k}": value - q * u for k, q in quantile.items()}
-    return {"value": value, "u": u} | ends | {f"hi{k}": value + q * u for k, q in quantile.items()}
+    ends = {"value": value, "u": u}
+    for level in LEVELS:
+        half = (t(dof) if np.isfinite(dof) else norm()).ppf(0.5 + level / 200) * u
+        ends |= {f"lo{level}": value - half, f"hi{level}": value + half}
+    return ends
 
 
 def intervals(made: LeastSquaresFit) -> dict[str, Ends]:
@@ -125,7 +109,7 @@ def intervals(made: LeastSquaresFit) -> dict[str, Ends]:
 
 def answers(data: Observations, parts: tuple[budget.Component, ...]) -> dict[str, dict[str, Ends]]:
     """nearlift's intervals under a budget, and with the same noise without it."""
-    model = catalogue.model(BASE[data.boundary])
+    model = catalogue.model(catalogue.default_base(data.boundary, 4))
     right = fit(model, data, parts)
     return {"nearlift": intervals(right), "ignored": intervals(fit(model, data, (), right.noise))}
 
@@ -151,22 +135,19 @@ def with_lmfit(data: Observations) -> dict[str, Ends]:
     return {name: interval(p.value, p.stderr or np.nan) for name, p in result.params.items()}
 
 
-def campaign(job: Job) -> list[dict[str, Any]]:
+def campaign(job: tuple[str, str, int]) -> list[dict[str, Any]]:
     """One campaign from records to intervals: a row for each coefficient and way."""
     design, boundary, seed = job
+    made = simulate(spec(boundary, design), seed)
     if design in DATUMS:
-        made = simulate(stated_spec(boundary, DATUMS[design]), seed)
         ways = answers(made.data, components(DATUMS[design])) | {"lmfit": with_lmfit(made.data)}
     else:
-        made = simulate(few_spec(boundary, design), seed)
-        model = catalogue.model(BASE[boundary])
+        model = catalogue.model(catalogue.default_base(boundary, 4))
         # the same trials, each taken for a visit of its own
         apart = fit(model, replace(made.data, visit=np.arange(made.data.n))).noise
-        ways = {
-            "nearlift": intervals(fit(model, made.data)),
-            "ignored": intervals(fit(model, made.data, (), apart)),
-        }
-    one = {"design": design, "boundary": boundary, "seed": seed}
+        right, ignored = fit(model, made.data), fit(model, made.data, (), apart)
+        ways = {"nearlift": intervals(right), "ignored": intervals(ignored)}
+    one = dict(zip(JOB, job, strict=True))
     return [
         one | {"name": name, "truth": truth, "way": way} | ends[name]
         for way, ends in ways.items()
@@ -180,21 +161,17 @@ def run(
     """`n` campaigns of every design and boundary, seeds from `first` on; those in the file `rows`
     are not run again.
     """
-    done = pd.read_json(rows, lines=True) if rows and rows.is_file() else pd.DataFrame()
-    ran = (
-        {*done[["design", "boundary", "seed"]].itertuples(index=False, name=None)}
-        if len(done)
-        else {}
-    )
+    done = pd.read_json(rows, lines=True) if rows and rows.is_file() else pd.DataFrame(columns=JOB)
+    ran = {*done[JOB].itertuples(index=False, name=None)}
     jobs = [(d, b, first + i) for i in range(n) for d in designs for b in forms.BOUNDARIES]
-    new: list[dict[str, Any]] = []
-    for made in unordered(executor, campaign, [job for job in jobs if job not in ran]):
-        new += made
+    every = [done] if len(done) else []
+    for made in spread.unordered(executor, campaign, [job for job in jobs if job not in ran]):
+        every.append(pd.DataFrame(made))
         if rows:
             with rows.open("a", encoding="utf-8") as file:
-                file.write(pd.DataFrame(made).to_json(orient="records", lines=True))
-    every = pd.concat([done, pd.DataFrame(new)], ignore_index=True)
-    return every[every["design"].isin(designs) & every["seed"].between(first, first + n - 1)]
+                file.write(every[-1].to_json(orient="records", lines=True))
+    data = pd.concat(every, ignore_index=True)
+    return data[data["design"].isin(designs) & data["seed"].between(first, first + n - 1)]
 
 
 def holds(rows: pd.DataFrame, level: int) -> pd.Series:
@@ -228,10 +205,8 @@ def check(rows: pd.DataFrame, way: str, chance: float, *, narrow_only: bool = Fa
 
 def _share(rows: pd.DataFrame, level: int, limits: bool = True) -> str:
     held = holds(rows, level)
-    if not limits:
-        return f"{held.mean():.1%}"
     ends = " to ".join(f"{x:.1%}" for x in clopper_pearson(int(held.sum()), len(held)))
-    return f"{held.mean():.1%} ({ends})"
+    return f"{held.mean():.1%}" + (f" ({ends})" if limits else "")
 
 
 def _errors(rows: pd.DataFrame) -> tuple[float, float, pd.Series]:
@@ -240,30 +215,31 @@ def _errors(rows: pd.DataFrame) -> tuple[float, float, pd.Series]:
     return float(rows["u"].median()), float(np.sqrt((error**2).mean())), error / rows["u"]
 
 
-def _groups(rows: pd.DataFrame, keys: list[str]) -> Iterator[tuple[Any, dict[str, pd.DataFrame]]]:
-    for key, group in rows.groupby(keys, sort=False):
-        yield key, dict(iter(group.groupby("way")))
+def share_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Shares of stated campaigns that hold the truth."""
+    lines = []
+    for (boundary, name), group in rows.groupby(GROUP[1:], sort=False):
+        way = dict(iter(group.groupby("way")))
+        ours = way["nearlift"]
+        lines += [
+            {"coefficient": f"{boundary}, {name.rstrip('_')}", "level": f"{level} %"}
+            | {d: _share(ours[ours["design"] == d], level) for d in DATUMS}
+            | {"both": f"**{_share(ours, level)}**"}
+            | {"shared ignored": _share(way["ignored"], level, limits=False)}
+            | {"lmfit": _share(way["lmfit"], level, limits=False)}
+            for level in LEVELS
+        ]
+    return pd.DataFrame(lines)
 
 
-def stated_tables(rows: pd.DataFrame) -> tuple[str, str]:
-    """Shares that hold the truth, and errors stated and actual."""
-    shares = [
-        {"coefficient": f"{boundary}, {name.rstrip('_')}", "level": f"{level} %"}
-        | {d: _share(ours[ours["design"] == d], level) for d in DATUMS}
-        | {
-            "both": f"**{_share(ours, level)}**",
-            "shared ignored": _share(way["ignored"], level, limits=False),
-            "lmfit": _share(way["lmfit"], level, limits=False),
-        }
-        for (boundary, name), way in _groups(rows, GROUP[1:])
-        if len(ours := way["nearlift"])
-        for level in LEVELS
-    ]
-    errors = []
-    for (design, boundary, name), way in _groups(rows, GROUP):
+def error_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Errors of stated campaigns, stated and actual."""
+    lines = []
+    for (design, boundary, name), group in rows.groupby(GROUP, sort=False):
+        way = dict(iter(group.groupby("way")))
         stated, actual, pull = _errors(way["nearlift"])
         theirs = _errors(way["lmfit"])
-        errors.append(
+        lines.append(
             {
                 "coefficient": f"{boundary}, {name.rstrip('_')}",
                 "datum": design,
@@ -272,13 +248,14 @@ def stated_tables(rows: pd.DataFrame) -> tuple[str, str]:
                 "lmfit: stated, actual": f"{theirs[0]:.2g}, {theirs[1]:.2g}",
             }
         )
-    return pages.table(shares), pages.table(errors)
+    return pd.DataFrame(lines)
 
 
-def few_table(rows: pd.DataFrame) -> str:
-    """Shares that hold the truth, stated over actual error, and the width."""
+def few_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Shares of few visits that hold the truth, stated over actual error, and the width."""
     lines = []
-    for (design, boundary, name), way in _groups(rows, GROUP):
+    for (design, boundary, name), group in rows.groupby(GROUP, sort=False):
+        way = dict(iter(group.groupby("way")))
         ours = way["nearlift"]
         stated, actual, _ = _errors(ours)
         half = float((ours["hi90"] - ours["lo90"]).median()) / 2 / 1.645
@@ -286,15 +263,13 @@ def few_table(rows: pd.DataFrame) -> str:
             {
                 "distances x visits": design,
                 "coefficient": f"{boundary}, {name.rstrip('_')}",
-                "68 %": _share(ours, 68, limits=False),
-                "90 %": _share(ours, 90),
-                "95 %": _share(ours, 95, limits=False),
+                **{f"{level} %": _share(ours, level, limits=level == 90) for level in LEVELS},
                 "90 %, visit scatter left out": _share(way["ignored"], 90, limits=False),
                 "stated / actual": f"{stated / actual:.2f}",
                 "half-width of 90 % / 1.645 actual": f"{half / actual:.2f}",
             }
         )
-    return pages.table(lines)
+    return pd.DataFrame(lines)
 
 
 STATED = """## Stated shared errors
@@ -335,23 +310,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=0, help="campaigns with stated errors")
     parser.add_argument("--few", type=int, default=0, help="campaigns with few visits")
-    parser.add_argument("--first", type=int, default=REPORTED)
-    parser.add_argument("--rows", type=Path, help="keeps finished campaigns")
-    spread.add_option(parser)
+    parser.add_argument("--first", type=int, default=REPORTED, help="first seed")
+    parser.add_argument("--rows", type=Path, help="file of rows, which are not run again")
     parser.add_argument("--out", type=Path, default=Path("docs/coverage.md"))
+    spread.add_option(parser)
     given = parser.parse_args()
     with spread.opened(given.executor) as executor:
-        if given.n:
-            rows = run(executor, given.n, given.first, tuple(DATUMS), given.rows)
-            shares, errors = stated_tables(rows)
-            low, high = (x / given.n for x in band(given.n, 90, 0.99))
-            body = STATED.format(n=given.n, low=low, high=high, shares=shares, errors=errors)
-            pages.write(given.out, "shared errors", body)
+        if n := given.n:
+            rows = run(executor, n, given.first, tuple(DATUMS), given.rows)
+            shares, errors = table(share_table(rows)), table(error_table(rows))
+            low, high = (x / n for x in band(n, 90, 0.99))
+            body = STATED.format(n=n, low=low, high=high, shares=shares, errors=errors)
+            write(given.out, "shared errors", body)
             sys.stdout.write(f"{shares}\n{errors}")
-        if given.few:
-            made = few_table(run(executor, given.few, given.first, tuple(FEW), given.rows))
-            low = band(given.few, 90, 0.99)[0] / given.few
-            pages.write(given.out, "few visits", SECTION.format(n=given.few, low=low, table=made))
+        if n := given.few:
+            made = table(few_table(run(executor, n, given.first, tuple(FEW), given.rows)))
+            low = band(n, 90, 0.99)[0] / n
+            write(given.out, "few visits", SECTION.format(n=n, low=low, table=made))
             sys.stdout.write(made)
 
 

@@ -1,438 +1,353 @@
-"""Damage done to files of every format, 200 truncations and 200 flipped bits, and what nearlift and
-others make of it.
+"""Damage on its way from a record's bytes to a trial's row: flipped bytes, damaged sectors and cuts in
+files of every format, glitches in the tare.
 
-Run as ``python -m tests.calibration.damage``, with the sections wanted (files, rows, tare; all if
-none is named); it writes docs/damage.md. A truncation or a flip is *silent* when the reader gives
-another number of samples, or other samples, than were written, without an error and without a mark.
+    python -m tests.calibration.damage        writes the tables of docs/damage.md
+
+A trial is *reported* by any quality code. It is *silent* where its lift differs from that of the
+whole file by more than its u, without a code.
 """
 
 from __future__ import annotations
 
-import gzip
-import io
-import re
-import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from tests.calibration import records
+import pandas as pd
+from scipy.signal import lfilter
+from tests.calibration.bench import Array
+from tests.calibration.figures import table, write
 from tests.readers.reading import of_trials
-from tests.readers.test_files import xlsx
-from tests.unit import manifests, written
+from tests.unit import small_run, written
+from tests.unit.manifests import manifest
 
-from nearlift import readers
-from nearlift.errors import NearliftError
-from nearlift.readers.base import Malformed, pick
-from nearlift.run import tables
+from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
+from nearlift.campaign.manifest import Campaign
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
+from nearlift.observed import observe
+from nearlift.readers import reader, rows
+from nearlift.reduction.quality import joined, rejected
+from nearlift.reduction.record import Reduced, reduce_record
+from nearlift.reduction.samples import Conditions
+from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
 
-TRIES = 200
-#: What nearlift may raise over a damaged file: its own refusal, or that of the guarded process.
-KNOWN = (NearliftError, Malformed)
-SAMPLES = 400
-FORCE = [round(float(x), 4) for x in np.random.default_rng(8).normal(250.0, 3.0, SAMPLES)]
-#: What came of one damaged file: the right samples, refused or rejected, read with a mark, silently
-#: fewer, silently others.
-OUTCOMES = ("intact", "refused", "marked", "short", "wrong")
-
-Read = Callable[[Path], tuple[Sequence[float], Sequence[str]]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Subject:
-    """One format as one program reads it: the bytes, and a reading that gives samples and marks or
-    raises.
-    """
-
-    format: str
-    program: str
-    content: bytes
-    read: Read
-    planned: bool = False
-
-
-def outcome(subject: Subject, path: Path) -> str:
-    """What the program makes of the file."""
-    # another exception of ours is a fault of the program; libraries may raise anything
-    known = KNOWN if subject.program.startswith("nearlift") else Exception
-    try:
-        found, marks = subject.read(path)
-    except known:
-        return "refused"
-    if set(marks) & {"EMPTY", "NO_DATA"}:
-        return "refused"
-    want = np.array(FORCE)
-    found = np.asarray(found, dtype=float)
-    if len(found) != len(want) and subject.planned and "nearlift" in subject.program:
-        # the manifest's `record` tells the number of samples
-        return "marked"
-    if marks:
-        return "marked"
-    if len(found) < len(want) and np.array_equal(found, want[: len(found)]):
-        return "short"
-    return "intact" if np.array_equal(found, want) else "wrong"
-
-
-def damaged(content: bytes, how: str, seed: int) -> list[bytes]:
-    """The content cut at random places, or with one bit flipped at each."""
-    rng = np.random.default_rng(seed)
-    if how == "cut":
-        return [content[: int(at)] for at in rng.integers(1, len(content), TRIES)]
-    found = []
-    for at, bit in zip(
-        rng.integers(0, len(content), TRIES), rng.integers(0, 8, TRIES), strict=True
-    ):
-        spoilt = bytearray(content)
-        spoilt[at] ^= 1 << int(bit)
-        found.append(bytes(spoilt))
-    return found
-
-
-def tally(subject: Subject, how: str, folder: Path) -> Counter[str]:
-    """How often each outcome came of all tries."""
-    path = folder / f"damaged{Path(subject.format.split()[-1]).suffix}"
-    count: Counter[str] = Counter()
-    for content in damaged(subject.content, how, seed=len(subject.format)):
-        path.write_bytes(content)
-        count[outcome(subject, path)] += 1
-    return count
-
-
-def ours(name: str, column: str, dialect: dict[str, Any] | None = None) -> Read:
-    """Nearlift's own reader of that name."""
-    form = readers.reader(name)
-
-    def by_format(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-        if path.stat().st_size == 0:
-            return [], ("EMPTY",)
-        found = form.open(path, dialect or {}, (column,))
-        if not found.channels:
-            return [], found.codes
-        return list(pick(found.channels, column, "k", "f").values), found.codes
-
-    return by_format
-
-
-def pandas_csv(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    import pandas as pd
-
-    frame = pd.read_csv(path)
-    values = frame["force"]
-    # a column that became text would stop any arithmetic
-    return values.to_numpy(dtype=float), ()
-
-
-def arrow_csv(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    import pyarrow.csv as pc
-
-    return pc.read_csv(path)["force"].to_numpy().astype(float), ()
-
-
-def bare_tdms(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    import nptdms
-
-    return nptdms.TdmsFile.read(io.BytesIO(path.read_bytes()))["daq"]["force"][:], ()
-
-
-def bare_mat(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    import scipy.io
-
-    return scipy.io.loadmat(path)["run"]["force"][0, 0].reshape(-1), ()
-
-
-def bare_hdf5(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    import h5py
-
-    with h5py.File(path) as file:
-        return file["daq/force"][()], ()
-
-
-def bare_parquet(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    import pandas as pd
-
-    return pd.read_parquet(path)["lift_N"].to_numpy(), ()
-
-
-def own_product(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    return tables.read_table(path, TRIALS)["lift_N"], ()
-
-
-def long_table(checksum: bool) -> bytes:
-    """The series as the one trial of a long Parquet table, as pyarrow's defaults write it or with
-    page checksums.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    sink = pa.BufferOutputStream()
-    pq.write_table(
-        pa.table({"trial": ["t"] * len(FORCE), "force": FORCE}), sink, write_page_checksum=checksum
+#: How many damages of each kind.
+TRIES = {"byte": 200, "sector": 100, "cut": 100}
+SECTOR = 512
+RATE, TARE, LIVE = 1000.0, 200, 1000
+#: A record in the unit of its file: 7 of zero, then a lift of 200.
+FORCE = [
+    round(float(x), 4)
+    for x in (
+        7
+        + 200 * (np.arange(TARE + LIVE) >= TARE)
+        + 2 * np.random.default_rng(9).standard_normal(TARE + LIVE)
     )
-    return bytes(sink.getvalue().to_pybytes())
+]
+#: What became of a trial.
+FATES = ("rejected", "reported", "within u", "silent")
 
 
-def sheet_bytes() -> bytes:
-    """The series as a sheet with its names above it."""
-    with tempfile.TemporaryDirectory() as folder:
-        rows = [("t", "force"), *((i / 1000, force) for i, force in enumerate(FORCE))]
-        return xlsx(Path(folder) / "a.xlsx", rows).read_bytes()
+def flipped(content: bytes, rng: np.random.Generator) -> bytes:
+    """One byte replaced by another."""
+    changed = bytearray(content)
+    changed[rng.integers(len(content))] ^= int(rng.integers(1, 256))
+    return bytes(changed)
 
 
-def by_campaign(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    """Nearlift's reading of a long table; a trial that is not there any more is rejected as
-    MISSING.
+def sector(content: bytes, rng: np.random.Generator) -> bytes:
+    """A sector zeroed, full of noise, or that of another place."""
+    start = SECTOR * int(rng.integers((len(content) - 1) // SECTOR + 1))
+    size = min(SECTOR, len(content) - start)
+    other = int(rng.integers(max(1, len(content) - size)))
+    new = (bytes(size), rng.bytes(size), content[other : other + size])[int(rng.integers(3))]
+    return content[:start] + new + content[start + size :]
+
+
+def cut(content: bytes, rng: np.random.Generator) -> bytes:
+    """The content up to some place."""
+    return content[: int(rng.integers(1, len(content)))]
+
+
+def damages(content: bytes, tries: dict[str, int]) -> Iterator[tuple[str, bytes]]:
+    """Copies of a file, each with one damage."""
+    rng = np.random.default_rng(len(content))
+    for kind, change in (("byte", flipped), ("sector", sector), ("cut", cut)):
+        for _ in range(tries[kind]):
+            yield kind, change(content, rng)
+
+
+def rig(name: str) -> Campaign:
+    """A campaign of files as `tests.unit.written` writes them."""
+    _, column, unit, suffix = written.WRITERS[name]
+    records = {
+        "reader": name,
+        "files": f"{{trial}}.{suffix}",
+        "force": {"column": column, "unit": unit, "sign": 1},
+    }
+    if name != "csv":
+        records["dialect"] = {"ignore_rate": True}
+    cell = {"sample_rate": f"{RATE:g} Hz", "tare": f"{TARE / RATE:g} s", "range": None}
+    return manifest(load_cell=cell, records=records)
+
+
+def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[rows.Row]:
+    """The rows of files with these contents."""
+    names = [f"t{i:04d}" for i in range(len(contents))]
+    for name, content in zip(names, contents, strict=True):
+        written.put(folder, str(campaign.records.files).replace("{trial}", name), content)
+    pieces, _ = reader(campaign.records.reader).plan(campaign, folder, names)
+    return [
+        row
+        for piece in pieces
+        for answer in rows.reduce_piece(
+            rows.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, digests={})
+        )
+        for row in answer.rows
+    ]
+
+
+def fate(row: rows.Row, lift_N: float) -> str:
+    """What became of a trial whose lift should be this; `[load_cell] record` reports a length that
+    is not the planned one.
     """
-    force = {"column": "force", "unit": "N", "sign": 1}
-    campaign = manifests.manifest(records={"reader": "parquet", "files": path.name, "force": force})
-    found = of_trials("parquet", campaign, path.parent, ["t"])
-    return (found[0].force_N, found[0].codes) if found else ([], ("NO_DATA",))
+    codes = row["codes"]
+    if rejected(np.array([joined(codes)], dtype=object))[0]:
+        return "rejected"
+    if codes or row["samples"] != len(FORCE):
+        return "reported"
+    return "within u" if abs(row["lift_N"] - lift_N) <= row["u_lift_N"] else "silent"
 
 
-def product_bytes(checksum: bool) -> bytes:
-    """The series as a product of ours, or as Parquet's defaults would write it."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    n = len(FORCE)
-    kinds: dict[str, Any] = {
-        "text": lambda: np.full(n, "x", dtype=object),
-        "real": lambda: np.zeros(n),
-        "integer": lambda: np.zeros(n, dtype=np.int64),
-    }
-    table = {c.name: kinds[c.kind]() for c in TRIALS.columns} | {"lift_N": np.array(FORCE)}
-    if checksum:
-        return tables.table_bytes(table, TRIALS)
-    sink = pa.BufferOutputStream()
-    pq.write_table(pa.table({"lift_N": np.array(FORCE)}), sink)
-    return bytes(sink.getvalue().to_pybytes())
+def bytes_to_rows(folder: Path, tries: dict[str, int] = TRIES) -> pd.DataFrame:
+    """Fates of damaged files: a line for each format, columns (kind of damage, fate)."""
+    lines = {}
+    for name, (save, *_) in written.WRITERS.items():
+        content = save(FORCE)
+        kinds, contents = zip(*damages(content, tries), strict=True)
+        whole, *damaged = reduced(rig(name), folder / name, [content, *contents])
+        assert not whole["codes"]
+        fates = [fate(row, whole["lift_N"]) for row in damaged]
+        lines[name] = Counter(zip(kinds, fates, strict=True))
+    return pd.DataFrame(
+        [[count[kind, f] for kind in tries for f in FATES] for count in lines.values()],
+        index=list(lines),
+        columns=pd.MultiIndex.from_product([tries, FATES]),
+    )
 
 
-def subjects() -> list[Subject]:
-    """Every format as nearlift reads it, and as the usual library does."""
-    column = {name: column for name, (_, column, _, _) in written.WRITERS.items()}
-    titles = {
-        "csv": "plain CSV",
-        "text": "text, UTF-16, decimal commas",
-        "rcbenchmark": "RCbenchmark CSV",
-        "flight-stand": "Flight Stand CSV",
-        "crazyflie": "Crazyflie CSV",
-        "lvm": "LVM",
-        "tdms": "TDMS",
-        "mat": "MATLAB v7",
-        "hdf5": "HDF5",
-    }
-    found = [
-        Subject(
-            format=titles[name],
-            program="nearlift",
-            content=written.WRITERS[name][0](FORCE),
-            read=ours(name, column[name]),
-        )
-        for name in titles
-    ]
-    planned = [
-        Subject(
-            format=s.format,
-            program="nearlift, `record` given",
-            content=s.content,
-            read=s.read,
-            planned=True,
-        )
-        for s in found
-        if s.format not in ("MATLAB v7", "HDF5")
-    ]
-    own_mat = ours("mat", "run.force")
-    own_hdf5 = ours("hdf5", "/daq/force")
-    plain, sums = written.mat(FORCE, compressed=False), written.hdf5(FORCE, fletcher=True)
-    found += [
-        Subject(
-            format="MATLAB v5, not compressed", program="nearlift", content=plain, read=own_mat
-        ),
-        Subject(
-            format="MATLAB v7.3",
-            program="nearlift",
-            content=written.v73(FORCE),
-            read=ours("mat", "force"),
-        ),
-        Subject(format="HDF5 with fletcher32", program="nearlift", content=sums, read=own_hdf5),
-        Subject(
-            format="our own products",
-            program="nearlift",
-            content=product_bytes(True),
-            read=own_product,
-        ),
-    ]
-    found += [
-        Subject(
-            format="CSV in gzip",
-            program="nearlift",
-            content=gzip.compress(written.csv(FORCE), mtime=0),
-            read=ours("csv", "force"),
-        ),
-        Subject(
-            format="first sheet of a.xlsx",
-            program="nearlift",
-            content=sheet_bytes(),
-            read=ours("sheet", "force"),
-        ),
-    ]
-    plain_table, summed_table = long_table(False), long_table(True)
-    found += [
-        Subject(
-            format="Parquet, defaults", program="nearlift", content=plain_table, read=by_campaign
-        ),
-        Subject(
-            format="Parquet with page checksums",
-            program="nearlift",
-            content=summed_table,
-            read=by_campaign,
-        ),
-    ]
-    csv, tdms = written.csv(FORCE), written.tdms(FORCE)
-    others = [
-        Subject(format="plain CSV", program="pandas", content=csv, read=pandas_csv),
-        Subject(format="plain CSV", program="pyarrow", content=csv, read=arrow_csv),
-        Subject(format="TDMS", program="nptdms", content=tdms, read=bare_tdms),
-        Subject(format="MATLAB v5, not compressed", program="scipy", content=plain, read=bare_mat),
-        Subject(format="MATLAB v7", program="scipy", content=written.mat(FORCE), read=bare_mat),
-        Subject(format="HDF5", program="h5py", content=written.hdf5(FORCE), read=bare_hdf5),
-        Subject(format="HDF5 with fletcher32", program="h5py", content=sums, read=bare_hdf5),
-        Subject(
-            format="Parquet, defaults",
-            program="pandas",
-            content=product_bytes(False),
-            read=bare_parquet,
-        ),
-    ]
-    return found + planned + others
+# ---- the tare
+
+Glitch = Callable[[Array, np.random.Generator], Array]
 
 
-def table(folder: Path) -> dict[tuple[str, str, str], Counter[str]]:
-    """(format, program, how) to outcomes."""
+def single(tare: Array, rng: np.random.Generator) -> Array:
+    tare[rng.integers(len(tare))] += rng.choice([-1, 1]) * 10 ** rng.uniform(-3, 1)
+    return tare
+
+
+def five(tare: Array, rng: np.random.Generator) -> Array:
+    tare[rng.integers(len(tare), size=min(5, len(tare) // 4))] += 10 ** rng.uniform(-2, 1)
+    return tare
+
+
+def together(tare: Array, rng: np.random.Generator) -> Array:
+    length = min(5, len(tare) // 4)
+    start = rng.integers(len(tare) - length + 1)
+    tare[start : start + length] += 10 ** rng.uniform(-2, 1)
+    return tare
+
+
+def zeroed(tare: Array, rng: np.random.Generator) -> Array:
+    length = min(64, len(tare) // 3)
+    start = rng.integers(len(tare) - length + 1)
+    # relative to the zero of the cell
+    tare[start : start + length] = -(10 ** rng.uniform(-2, 0))
+    return tare
+
+
+def stopping(tare: Array, rng: np.random.Generator) -> Array:
+    return tare + 0.2 * np.exp(-np.arange(len(tare)) / (len(tare) * 10 ** rng.uniform(-2, -0.5)))
+
+
+def starting(tare: Array, rng: np.random.Generator) -> Array:
+    return tare + 0.2 * (np.arange(len(tare)) > len(tare) * (1 - 10 ** rng.uniform(-2, -0.5)))
+
+
+def step(tare: Array, rng: np.random.Generator) -> Array:
+    size, after = 10 ** rng.uniform(-2, 1), rng.uniform(0.1, 0.9) * len(tare)
+    return tare + size * (np.arange(len(tare)) > after)
+
+
+GLITCHES: dict[str, Glitch] = {
+    "a sample, 1 mN to 10 N": single,
+    "five samples, scattered, 10 mN to 10 N": five,
+    "five in a row, 10 mN to 10 N": together,
+    "64 zeroed, in a cell whose zero is at 10 mN to 1 N": zeroed,
+    "rotors still stopping": stopping,
+    "rotors started too early": starting,
+    "a step of 10 mN to 10 N": step,
+}
+#: Samples of a tare of 2 s.
+TARES = (2000, 200, 40, 8)
+
+
+def glitched(force: Array, n: int, glitch: Glitch, rng: np.random.Generator) -> Array:
+    """A record of which the first n samples, its tare, are damaged."""
+    return np.concatenate([glitch(force[:n].copy(), rng), force[n:]])
+
+
+def _reduced(force: Array, n: int) -> Reduced:
+    return reduce_record(force, Conditions(rate_Hz=n / 2, tare_s=2.0))
+
+
+def _judged(codes: tuple[str, ...], shift: float) -> dict[str, float]:
+    """One damaged tare, whose shift is in u."""
     return {
-        (s.format, s.program, how): tally(s, how, folder)
-        for s in subjects()
-        for how in ("cut", "flip")
+        "reported": bool(codes),
+        "of these rejected": any(code.isupper() for code in codes),
+        "silent": shift > 1 and not codes,
+        "shift": shift,
+        "undetected": 0.0 if codes else shift,
     }
 
 
-def page(found: dict[tuple[str, str, str], Counter[str]]) -> str:
-    """docs/damage.md."""
-    head = f"""# Damaged files
-
-{SAMPLES} samples in each format; {TRIES} copies cut at random places and {TRIES} with one bit flipped, each read by nearlift and by the usual library. *Refused*: an error, or
-the trial is rejected. *Marked*: read, with a quality code. *Short* and *wrong*: fewer samples or other numbers, undetected. *Intact*: the samples are unchanged.
-Made by `python -m tests.calibration.damage`; `make calibrate` tests these promises:
-
-- A cut file is never short undetected if its format has a length or a checksum, or `[load_cell] record` states the length.
-- No flipped bit passes in nearlift's own products.
-- In outside formats without a checksum a flipped bit before ingest is not detectable; `sha256sum -c` detects it. After ingest, the SHA-256 of every input detects it; `nearlift run --check` hashes all.
-
-| format | read by | cut: refused | marked | short | wrong | intact | bit: refused | marked | short | wrong | intact |
-|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
-"""
-    rows = []
-    for fmt, program in dict.fromkeys(
-        (f, p)
-        for f, p, _ in sorted(found, key=lambda k: (k[0].casefold(), k[1] != "nearlift", k[1]))
-    ):
-        cells = [
-            str(found[fmt, program, how][name])
-            for how in ("cut", "flip")
-            for name in ("refused", "marked", "short", "wrong", "intact")
-        ]
-        rows.append(f"| {fmt} | {program} | {' | '.join(cells)} |")
-    return head + "\n".join(rows) + "\n"
+def tare_glitches(n: int, glitch: Glitch, tries: int = 100) -> pd.DataFrame:
+    """Glitches in a tare of n samples, a line each: lift 0.2 N, white noise of 2 mN; the shift is
+    that from the same record without the glitch.
+    """
+    rng, lines = np.random.default_rng(n), []
+    for _ in range(tries):
+        force = 7e-3 + 2e-3 * rng.standard_normal(6 * n)
+        force[n:] += 0.2
+        clean, damaged = _reduced(force, n), _reduced(glitched(force, n, glitch, rng), n)
+        shift = abs(damaged.lift_N - clean.lift_N) / damaged.u_lift_N
+        lines.append(_judged(damaged.codes, shift))
+    return pd.DataFrame(lines)
 
 
-def rows_page(found: dict[tuple[str, str], Counter[str]]) -> str:
-    """The section of docs/damage.md on bytes and sectors."""
-    head = f"""## From bytes to a row
-
-A record of {records.TARE} and {records.LIVE} samples in each format; {records.FLIPS} copies with one byte replaced and {records.SECTORS} with one damaged sector of {records.SECTOR} bytes, each reduced as by `nearlift ingest`. Every
-copy gets a row. *Reported*: by a quality code. *Within u*: undetected, and the lift is right within its standard error. *Silent*: undetected and wrong.
-
-| format | byte: rejected | reported | within u | silent | sector: rejected | reported | within u | silent |
-|---|--:|--:|--:|--:|--:|--:|--:|--:|
-"""
-    rows = []
-    for name in dict.fromkeys(name for name, _ in found):
-        cells = [
-            str(found[name, kind][fate]) for kind in ("flip", "sector") for fate in records.FATES
-        ]
-        rows.append(f"| `{name}` | {' | '.join(cells)} |")
-    return head + "\n".join(rows) + "\n"
+NOISES = {
+    "white": {},
+    "AR(1) at 0.9": {"chain": True},
+    "50 Hz of 10 times the noise": {"hum": True},
+    "a step of the converter as large as the noise": {"step": 1.0},
+    "ten times as large": {"step": 10.0},
+}
 
 
-def tare_page(folder: Path, alarms: int) -> str:
-    """The section of docs/damage.md on the tare."""
-    head = """## The tare
+def false_alarms(tries: int) -> pd.DataFrame:
+    """How many clean tares are flagged: lines of noise, columns of samples."""
+    rng, counts = np.random.default_rng(4), {}
+    for n in TARES:
+        clock = 2 * np.arange(n) / n
+        for name, how in NOISES.items():
+            flagged = 0
+            for _ in range(tries):
+                force = rng.standard_normal(3 * n + 200)
+                if "chain" in how:
+                    force = lfilter([0.19**0.5], [1, -0.9], force)
+                force = force[200:]
+                if "hum" in how:
+                    force[:n] += 14 * np.sin(2 * np.pi * (50 * clock + rng.random()))
+                force[n:] += 1e4  # so large that no drift of the live part is one
+                if "step" in how:
+                    force = how["step"] * np.round(force / how["step"] + rng.random())
+                codes = {*_reduced(force, n).codes}
+                flagged += "STUCK" not in codes and bool(
+                    codes & {"TARE", "drift", "DRIFT", "spikes"}
+                )
+            counts[name, n] = flagged
+    return pd.Series(counts).unstack(sort=False)
+
+
+def on_the_coefficient(root: Path, tries: int = 100) -> pd.DataFrame:
+    """One tare of a campaign glitched, many times: a line each, with K_b's shift from the fit of the
+    whole campaign, in its u.
+    """
+    small_run.write(root)
+    campaign, job = manifests.load(root), small_run.job(root, root.parent / "out")
+    ingest.run(job)
+    table = dict(job.read(TRIALS))
+    model, parts = catalogue.model("sanchez_cuevas"), budget.components(campaign)
+    before = fit(model, observe(table, campaign, "ground"), parts).estimates["K_b"]
+    rng, cell, lines = np.random.default_rng(1), campaign.load_cell, []
+    rate_Hz = cell.sample_rate or 1.0
+    conditions = Conditions(rate_Hz=rate_Hz, tare_s=campaign.tare_s, settle_s=cell.settle)
+    for i in range(tries):
+        row = int(rng.integers(len(table["trial"])))
+        [record] = of_trials("csv", campaign, root, [str(table["trial"][row])])
+        glitch = list(GLITCHES.values())[i % len(GLITCHES)]
+        n = round(campaign.tare_s * rate_Hz)
+        damaged = reduce_record(glitched(record.force_N, n, glitch, rng), conditions)
+        changed = {name: table[name].copy() for name in ("lift_N", "u_lift_N", "quality")}
+        changed["lift_N"][row], changed["u_lift_N"][row] = damaged.lift_N, damaged.u_lift_N
+        changed["quality"][row] = joined(damaged.codes)
+        data = observe({**table, **changed}, campaign, "ground")
+        after = fit(model, data, parts).estimates["K_b"]
+        lines.append(_judged(damaged.codes, abs(after.value - before.value) / before.u))
+    return pd.DataFrame(lines)
+
+
+# ---- the page
+
+ROWS = """## From bytes to a row
+
+A record of {tare} and {live} samples in each format; {byte} copies with one byte replaced, {sector} with one damaged sector of 512 bytes and {cut} cut at a random place, each reduced as by `nearlift ingest`. Every
+copy gets a row. *Reported*: by a quality code, or by the length that `[load_cell] record` states. *Within u*: undetected, and the lift is right within its standard error. *Silent*: undetected and wrong.
+
+{rows}"""
+TARE_PAGE = """## The tare
 
 100 glitches of each kind in a tare of 2 s at 1000, 100, 20 and 4 Hz: lift 0.2 N, white noise of 2 mN. *Silent*: no code, and the lift is off by more than its standard error. The last
 column is the largest undetected shift. No damage is longer than a third of the tare.
 
-| glitch | samples | reported | of these rejected | silent | largest undetected shift |
-|---|--:|--:|--:|--:|--:|
-"""
-    rows = []
-    for name, glitch in records.GLITCHES.items():
-        for rate_Hz, n in records.TARES:
-            told = records.tare_glitches(rate_Hz, n, glitch)
-            rows.append(
-                f"| {name} | {n} | {told.told} | {told.rejected} | {told.silent} |"
-                f" {told.largest:.2f} u |"
-            )
-    told, most = records.on_the_coefficient(folder)
-    middle = f"""
+{glitches}
 A tare of fewer than 20 samples reveals single damaged samples only, and ingest notes it.
 
-In a campaign of 112 trials one tare was damaged, {told.tries} times over: {told.told} were reported, {told.rejected} of them rejected. `K_b` moved by at most {told.largest:.2g} of its u undetected, by at
-most {most:.2g} u where reported.
+In a campaign of 112 trials one tare was damaged, {tries} times over: {reported} were reported, {refused} of them rejected. `K_b` moved by at most {undetected:.2g} of its u undetected, by at
+most {shift:.2g} u where reported.
 
 Clean tares that are flagged, of {alarms} each:
 
-| noise | {" | ".join(f"{n} samples" for _, n in records.TARES)} |
-|---|{"--:|" * len(records.TARES)}
-"""
-    flagged = records.false_alarms(alarms)
-    names = dict.fromkeys(name for name, _ in flagged)
-    last = [
-        f"| {name} | {' | '.join(str(flagged[name, n][0]) for _, n in records.TARES)} |"
-        for name in names
+{flagged}"""
+
+
+def main(alarms: int = 20000) -> None:
+    """Write the sections of docs/damage.md."""
+    page = Path(__file__).parents[2] / "docs" / "damage.md"
+    counted = ["reported", "of these rejected", "silent"]
+    glitches = [
+        {"glitch": name, "samples": n}
+        | {c: int(made[c].sum()) for c in counted}
+        | {"largest undetected shift": f"{made['undetected'].max():.2f} u"}
+        for name, glitch in GLITCHES.items()
+        for n in TARES
+        for made in [tare_glitches(n, glitch)]
     ]
-    return head + "\n".join(rows) + "\n" + middle + "\n".join(last) + "\n"
-
-
-def put(section: str) -> None:
-    """Replace that section of docs/damage.md, or all before the first one."""
-    path = Path(__file__).parents[2] / "docs" / "damage.md"
-    parts = re.split(r"(?m)^(?=## )", path.read_text(encoding="utf-8"))
-    title = section.splitlines()[0] if section.startswith("## ") else ""
-    at = next(
-        (i for i, part in enumerate(parts) if part.splitlines()[0] == title),
-        0 if not title else None,
-    )
-    if at is None:
-        parts.insert(1, section + "\n")
-    else:
-        parts[at] = section + "\n"
-    path.write_text("".join(parts).rstrip("\n") + "\n", encoding="utf-8")
-
-
-def main(which: Sequence[str]) -> None:
+    flagged = false_alarms(alarms).add_suffix(" samples").reset_index(names="noise")
     with tempfile.TemporaryDirectory() as folder:
-        if "files" in which:
-            put(page(table(Path(folder))))
-        if "tare" in which:
-            put(tare_page(Path(folder) / "campaign", 20000))
-        if "rows" in which:
-            put(rows_page(records.bytes_to_rows(Path(folder) / "rows")))
+        fates = bytes_to_rows(Path(folder) / "rows")
+        moved = on_the_coefficient(Path(folder) / "campaign")
+    fates.columns = [f"{kind}: {f}" if f == FATES[0] else f for kind, f in fates.columns]
+    fates = fates.set_axis([f"`{name}`" for name in fates.index]).reset_index(names="format")
+    write(page, "rows", ROWS.format(tare=TARE, live=LIVE, rows=table(fates), **TRIES))
+    text = TARE_PAGE.format(
+        glitches=table(pd.DataFrame(glitches)),
+        flagged=table(flagged),
+        alarms=alarms,
+        tries=len(moved),
+        reported=int(moved["reported"].sum()),
+        refused=int(moved["of these rejected"].sum()),
+        undetected=moved["undetected"].max(),
+        shift=moved["shift"].max(),
+    )
+    write(page, "tare", text)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or ("files", "tare", "rows"))
+    main()

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from tests.calibration import forms
 from tests.calibration.bench import stream
-from tests.calibration.kinds import Kind, _trials
+from tests.calibration.kinds import Kind, trials
 from tests.calibration.simulator import Campaign, Unreachable, log_lift
 
 from nearlift import catalogue
@@ -53,7 +53,7 @@ def ratio(campaign: Campaign, kinds: set[str], z_hat: np.ndarray) -> np.ndarray:
 
 def row(boundary: str, seed: int) -> dict[str, object]:
     """Answers to one campaign: by lift alone, with downwash, with a wrong one, with a speed."""
-    make = partial(_trials, {"visits": 5}, rho=(0.3, 1.4), always=True, among=NEAR[boundary])
+    make = partial(trials, {"visits": 5}, rho=(0.3, 1.4), always=True, among=NEAR[boundary])
     kind = Kind(name="near", group="", make=make)
     campaign = kind.make(kind, boundary, seed)
     rng, data = stream(seed, "downwash", boundary), campaign.data

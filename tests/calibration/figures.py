@@ -1,5 +1,5 @@
-"""Rows of the harness to tables: figures with exact intervals, and what becomes of each kind of
-campaign, verdict, effect and structure.
+"""Rows of the harness to tables: shares with exact intervals, by kind of campaign, verdict, effect
+and structure.
 
     python -m tests.calibration.figures out/*.jsonl        writes a section of docs/coverage.md
 """
@@ -7,23 +7,22 @@ campaign, verdict, effect and structure.
 from __future__ import annotations
 
 import argparse
+import io
 import json
-import math
+import re
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.stats import beta, binom
-from tests.calibration import pages
 from tests.calibration.forms import STRANGE, UNNAMED
-from tests.calibration.kinds import KINDS, STRONG, Promise
+from tests.calibration.kinds import KINDS, Promise
 from tests.calibration.peers import PEERS
 
 Row = dict[str, Any]
-Test = Callable[[Row], bool]
 NONE = Promise()
 #: Effects that vary with time, supply, temperature or approach; all others trade with the
 #: coefficients.
@@ -34,36 +33,67 @@ BY_TIME = {"approach_backlash", "session_gain", "gain_drift", "warm_up", "supply
     "cell_creep",
 }
 VERDICTS = ("adequate", "effect", "unexplained")
+RECORDS = [k.name for k in KINDS.values() if k.group == "records"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Figure:
-    """A share with its Clopper-Pearson interval (k of n), or a quantile with that of order
-    statistics.
-    """
+def _table(text: str) -> pd.DataFrame:
+    lines = io.StringIO(text.strip())
+    # "null" is a kind of campaign, not a missing value
+    how = {"engine": "python", "dtype": str, "keep_default_na": False}
+    return pd.read_csv(lines, sep=r"\s*\|\s*", **how).set_index("key")
 
-    key: str
-    title: str
-    value: float
-    lo95: float
-    hi95: float
-    n: int
-    k: int | None = None
-    promise: Promise = NONE
 
-    @property
-    def passed(self) -> bool | None:
-        """False only where the whole interval is on the wrong side; None without a promise."""
-        if self.promise.must is None:
-            return None
-        if self.promise.sense == ">=":
-            return self.hi95 >= self.promise.must
-        return self.lo95 <= self.promise.must
-
-    @property
-    def brief(self) -> str:
-        """A share as "k of n (95 % interval in per cent)"."""
-        return f"{self.k} of {self.n} ({100 * self.lo95:.0f}-{100 * self.hi95:.0f})"
+#: Shares that are reported, of the rows that a query finds.
+SHARES = _table("""
+key | title | where | fact | sense | must | aim
+null | null: any claim, at a stated 5 % | kind == 'null' | claimed | <= | 0.05 | 0.05
+null_named | null: a name given | kind == 'null' | named | | |
+weak_seen | one effect, rho 0.1 to 0.2: detected | kind == 'weak' | claimed | >= | 0.80 | 0.90
+weak_wrong | ... one single name, and wrong | kind == 'weak' | single_wrong | | |
+one_seen | one effect, rho >= 0.2: detected | kind == 'one' | claimed | | |
+one_right | ... best name right | kind == 'one' | right | >= | 0.86 | 0.92
+one_inside | ... truth within the set | kind == 'one' | inside | >= | 0.97 | 0.98
+one_equal | ... truth, or its equal there (r >= 0.99) | kind == 'one' | equal | | |
+one_wrong | ... one single name, and wrong | kind == 'one' | single_wrong | <= | 0.02 | 0.01
+own_right | ... own form: best name right | kind == 'one' and not foreign | right | | |
+own_inside | ... own form: within the set | kind == 'one' and not foreign | inside | | |
+foreign_right | ... foreign form: best name right | kind == 'one' and foreign | right | >= | 0.70 | 0.85
+foreign_inside | ... foreign form: within the set | kind == 'one' and foreign | inside | >= | 0.80 | 0.92
+two_inside | two effects, weaker rho 0.2 to 0.4: both within the set | kind == 'two' | inside | >= | 0.85 | 0.90
+two_right | ... both named first | kind == 'two' | right | | |
+two_some | ... at least one within the set | kind == 'two' | some | | |
+outside_faint | outside the library, rho 0.2 to 0.4: named | kind == 'outside' and rho < 0.4 | named | <= | 0.30 | 0.15
+outside_loud | outside the library, rho >= 0.4: named | kind == 'outside' and rho >= 0.4 | named | <= | 0.03 | 0.01
+outside_seen | outside the library: detected | kind == 'outside' | claimed | | |
+outside_cover | ... unexplained: the quoted 90 % interval holds | kind == 'outside' and verdict == 'unexplained' | cover_quoted | >= | 0.82 | 0.88
+within_seen | motor heating within records (2 to 20 permille): named | kind == 'within' | heated | | |
+within_only | ... and nothing else claimed | kind == 'within' | adequate | | |
+cover_base | 90 % interval on the coefficient, one effect: base fit | kind == 'one' | cover_base | | |
+cover_quoted | ... quoted | kind == 'one' | cover_quoted | >= | 0.87 | 0.88
+cover_oracle | ... with the true model | kind == 'one' | cover_oracle | | |
+cover_distance_base | ... effects of distance and throttle: base fit | kind == 'one' and spatial | cover_base | | |
+cover_distance_quoted | ... quoted | kind == 'one' and spatial | cover_quoted | | |
+cover_distance_oracle | ... with the true model | kind == 'one' and spatial | cover_oracle | | |
+cover_null_base | ... null campaigns: base fit | kind == 'null' | cover_base | | |
+cover_null_quoted | ... quoted | kind == 'null' | cover_quoted | | |
+cover_null_oracle | ... with the true model | kind == 'null' | cover_oracle | | |
+worse | made worse on held-out trials, as reported | kind in @RECORDS and scored | worse | <= | 0.03 | 0.01
+""")
+#: Shares in campaigns of every kind.
+FACTS = _table("""
+key | title | where | fact
+undiagnosed | not diagnosed | n == n | undiagnosed
+null_claimed | null: any claim | empty | claimed
+null_named | null: a name | empty | named
+named_right | effect: best name right | not empty and not strange | right
+named_inside | within the set | not empty and not strange | inside
+named_wrong | single and wrong | not empty and not strange | single_wrong
+seen | outside: detected | strange | claimed
+given_a_name | given a name | strange | named
+covered | quoted 90 % interval covers | n == n | cover_quoted
+covered_empty | ... of null campaigns | empty | cover_quoted
+covered_oracle | true model's covers | n == n | cover_oracle
+""")
 
 
 def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
@@ -73,405 +103,254 @@ def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
     return low, float(beta.ppf(1 - tail, k + 1, n - k)) if k < n else 1.0
 
 
-def share(
-    key: str, title: str, rows: list[Row], fact: str | Test, promise: Promise = NONE
-) -> Iterator[Figure]:
-    """How often a fact holds; nothing where no row has it."""
-    if isinstance(fact, str):
-        facts = [bool(r[fact]) for r in rows if fact in r]
-    else:
-        facts = [bool(fact(r)) for r in rows]
-    if facts:
-        k, n = sum(facts), len(facts)
+def brief(facts: pd.Series) -> str:
+    """A share as "k of n (95 % interval in per cent)"."""
+    if facts.empty:
+        return ""
+    low, high = clopper_pearson(k := int(facts.sum()), n := len(facts))
+    return f"{k} of {n} ({100 * low:.0f}-{100 * high:.0f})"
+
+
+def frame(rows: list[Row]) -> pd.DataFrame:
+    """Rows whose diagnosis ended, with the facts that figures count."""
+    done = [r for r in rows if r.get("failed") == ""]
+    made = pd.DataFrame(done).assign(n=1.0)
+    optional = ("names", "rivals", "within", "undiagnosed", "reported_after", "reported_before")
+    for name in optional:
+        made[name] = [r.get(name, [] if name in optional[:3] else np.nan) for r in done]
+
+    def fact(test: Any) -> list[bool]:
+        return [bool(test(r)) for r in made.to_dict("records")]
+
+    return made.assign(
+        empty=fact(lambda r: not r["truth"]),
+        strange=fact(lambda r: STRANGE.keys() & {*r["truth"]}),
+        spatial=fact(lambda r: r["truth"] and r["truth"][0] not in BY_TIME),
+        some=fact(lambda r: {*r["truth"]} & {*r["names"], *r["rivals"]}),
+        heated=fact(lambda r: "motor_heating" in r["within"]),
+        adequate=fact(lambda r: r["verdict"] == "adequate"),
+        undiagnosed=fact(lambda r: r["verdict"] == "not_diagnosed"),
+        scored=np.isfinite(made["reported_after"].astype(float)),
+        worse=made["reported_after"] > made["reported_before"] * (1 + 1e-9),
+    )
+
+
+def _facts(data: pd.DataFrame, row: pd.Series) -> pd.Series:
+    """Whether a fact holds, in the rows of a figure that have it."""
+    if row["fact"] not in data:
+        return pd.Series(dtype=bool)
+    return data.query(row["where"])[row["fact"]].dropna().astype(bool)
+
+
+def _share(key: str, title: str, facts: pd.Series, promise: Promise = NONE) -> Iterator[Row]:
+    if len(facts):
+        k, n = int(facts.sum()), len(facts)
         low, high = clopper_pearson(k, n)
-        yield Figure(
-            key=key, title=title, value=k / n, lo95=low, hi95=high, n=n, k=k, promise=promise
-        )
+        yield {"key": key, "title": title, "value": k / n, "lo95": low, "hi95": high} | {
+            "n": n,
+            "k": k,
+            **promise._asdict(),
+        }
 
 
-def quantile(
-    key: str, title: str, values: list[float], q: float = 0.5, promise: Promise = NONE
-) -> Iterator[Figure]:
+def _quantile(
+    key: str, title: str, values: pd.Series, q: float = 0.5, promise: Promise = NONE
+) -> Iterator[Row]:
     """A quantile with the interval of order statistics."""
-    x = np.sort([v for v in values if np.isfinite(v)])
-    n = len(x)
-    if n:
+    x = np.sort(values[np.isfinite(values)])
+    if n := len(x):
         low, high = max(int(binom.ppf(0.025, n, q)) - 1, 0), min(int(binom.ppf(0.975, n, q)), n - 1)
-        yield Figure(
-            key=key,
-            title=title,
-            value=float(np.quantile(x, q)),
-            lo95=float(x[low]),
-            hi95=float(x[high]),
-            n=n,
-            promise=promise,
-        )
+        yield {"key": key, "title": title, "value": float(np.quantile(x, q)), "n": n} | {
+            "lo95": float(x[low]),
+            "hi95": float(x[high]),
+            **promise._asdict(),
+        }
 
 
-# Shares that are reported: key, title, rows (kind and a test), fact, promise.
-
-
-def _of(kind: str, test: Test = lambda r: True) -> Test:
-    return lambda r: r["kind"] == kind and test(r)
-
-
-def _spatial(r: Row) -> bool:
-    return r["truth"][0] not in BY_TIME
-
-
-def _some(r: Row) -> bool:
-    return bool({*r["truth"]} & {*r["names"], *r["rivals"]})
-
-
-FOREIGN = _of("one", lambda r: r["foreign"])
-OWN = _of("one", lambda r: not r["foreign"])
-OUTSIDE_UNEXPLAINED = _of("outside", lambda r: r["verdict"] == "unexplained")
-SHARES: tuple[tuple[str, str, Test, str | Test, Promise], ...] = (
-    ("null", "null: any claim, at a stated 5 %", _of("null"), "claimed", Promise("<=", 0.05, 0.05)),
-    ("null_named", "null: a name given", _of("null"), "named", NONE),
-    (
-        "weak_seen",
-        "one effect, rho 0.1 to 0.2: detected",
-        _of("weak"),
-        "claimed",
-        Promise(">=", 0.80, 0.90),
-    ),
-    ("weak_wrong", "... one single name, and wrong", _of("weak"), "single_wrong", NONE),
-    ("one_seen", "one effect, rho >= 0.2: detected", _of("one"), "claimed", NONE),
-    ("one_right", "... best name right", _of("one"), "right", Promise(">=", 0.86, 0.92)),
-    ("one_inside", "... truth within the set", _of("one"), "inside", Promise(">=", 0.97, 0.98)),
-    ("one_equal", "... truth, or its equal there (r >= 0.99)", _of("one"), "equal", NONE),
-    (
-        "one_wrong",
-        "... one single name, and wrong",
-        _of("one"),
-        "single_wrong",
-        Promise("<=", 0.02, 0.01),
-    ),
-    ("own_right", "... own form: best name right", OWN, "right", NONE),
-    ("own_inside", "... own form: within the set", OWN, "inside", NONE),
-    (
-        "foreign_right",
-        "... foreign form: best name right",
-        FOREIGN,
-        "right",
-        Promise(">=", 0.70, 0.85),
-    ),
-    (
-        "foreign_inside",
-        "... foreign form: within the set",
-        FOREIGN,
-        "inside",
-        Promise(">=", 0.80, 0.92),
-    ),
-    (
-        "two_inside",
-        "two effects, weaker rho 0.2 to 0.4: both within the set",
-        _of("two"),
-        "inside",
-        Promise(">=", 0.85, 0.90),
-    ),
-    ("two_right", "... both named first", _of("two"), "right", NONE),
-    ("two_some", "... at least one within the set", _of("two"), _some, NONE),
-    (
-        "outside_faint",
-        "outside the library, rho 0.2 to 0.4: named",
-        _of("outside", lambda r: r["rho"] < STRONG),
-        "named",
-        Promise("<=", 0.30, 0.15),
-    ),
-    (
-        "outside_loud",
-        "outside the library, rho >= 0.4: named",
-        _of("outside", lambda r: r["rho"] >= STRONG),
-        "named",
-        Promise("<=", 0.03, 0.01),
-    ),
-    ("outside_seen", "outside the library: detected", _of("outside"), "claimed", NONE),
-    (
-        "outside_cover",
-        "... unexplained: the quoted 90 % interval holds",
-        OUTSIDE_UNEXPLAINED,
-        "cover_quoted",
-        Promise(">=", 0.82, 0.88),
-    ),
-    (
-        "within_seen",
-        "motor heating within records (2 to 20 permille): named",
-        _of("within"),
-        lambda r: "motor_heating" in r["within"],
-        NONE,
-    ),
-    (
-        "within_only",
-        "... and nothing else claimed",
-        _of("within"),
-        lambda r: r["verdict"] == "adequate",
-        NONE,
-    ),
-    *(
-        (f"{key}_{kind}", f"{words}: {title}", among, f"cover_{kind}", promise)
-        for key, words, among in (
-            ("cover", "90 % interval on the coefficient, one effect", _of("one")),
-            ("cover_distance", "... effects of distance and throttle", _of("one", _spatial)),
-            ("cover_null", "... null campaigns", _of("null")),
-        )
-        for kind, title, promise in (
-            ("base", "base fit", NONE),
-            ("quoted", "quoted", Promise(">=", 0.87, 0.88) if key == "cover" else NONE),
-            ("oracle", "with the true model", NONE),
-        )
-    ),
-)
-#: What is counted in campaigns of every kind: words, rows, fact.
-FACTS: dict[str, tuple[str, Test, Test]] = {
-    "undiagnosed": ("not diagnosed", lambda r: True, lambda r: bool(r["undiagnosed"])),
-    "null_claimed": ("null: any claim", lambda r: not r["truth"], lambda r: r["claimed"]),
-    "null_named": ("null: a name", lambda r: not r["truth"], lambda r: r["named"]),
-    "named_right": (
-        "effect: best name right",
-        lambda r: bool(r["truth"]) and not _strange(r),
-        lambda r: r["right"],
-    ),
-    "named_inside": (
-        "within the set",
-        lambda r: bool(r["truth"]) and not _strange(r),
-        lambda r: r["inside"],
-    ),
-    "named_wrong": (
-        "single and wrong",
-        lambda r: bool(r["truth"]) and not _strange(r),
-        lambda r: r["single_wrong"],
-    ),
-    "seen": ("outside: detected", lambda r: _strange(r), lambda r: r["claimed"]),
-    "given_a_name": ("given a name", lambda r: _strange(r), lambda r: r["named"]),
-    "covered": ("quoted 90 % interval covers", lambda r: True, lambda r: r["cover_quoted"]),
-    "covered_empty": (
-        "... of null campaigns",
-        lambda r: not r["truth"],
-        lambda r: r["cover_quoted"],
-    ),
-    "covered_oracle": ("true model's covers", lambda r: True, lambda r: r["cover_oracle"]),
-}
-RECORDS = {k.name for k in KINDS.values() if k.group == "records"}
-
-
-def _strange(r: Row) -> bool:
-    return bool(STRANGE.keys() & {*r["truth"]})
-
-
-def figures(rows: list[Row]) -> list[Figure]:
-    """Every figure that these rows determine."""
+def figures(rows: list[Row]) -> pd.DataFrame:
+    """Every figure that these rows determine, by key. `passed` is False only where the whole
+    interval is on the wrong side, None without a promise.
+    """
     ran = [r for r in rows if "failed" in r]
-    done = [r for r in ran if r["failed"] == ""]
-    none_fails = Promise("<=", 0.0, 0.0)
-    each = [*share("failed", "diagnoses that raised", ran, lambda r: r["failed"] != "", none_fails)]
+    raised = pd.Series([r["failed"] != "" for r in ran])
+    each = [*_share("failed", "diagnoses that raised", raised, Promise("<=", 0.0, 0.0))]
+    if not raised.all():
+        each += _of_diagnoses(frame(rows))
+    found = pd.DataFrame(each).set_index("key").reindex(columns=[*each[0]][1:]).astype(object)
+    found["passed"] = [
+        None if f.sense == "" else bool(f.hi95 >= f.must if f.sense == ">=" else f.lo95 <= f.must)
+        for f in found.itertuples()
+    ]
+    return found
+
+
+def _of_diagnoses(data: pd.DataFrame) -> Iterator[Row]:
     for kind in KINDS.values():
         for key, promise in kind.asks.items():
-            words, among, fact = FACTS[key]
-            mine = [r for r in done if r["kind"] == kind.name and among(r)]
-            each += share(f"{kind.name}_{key}", f"{kind.name}: {words}", mine, fact, promise)
-    for key, title, among, fact, promise in SHARES:
-        each += share(key, title, [r for r in done if among(r)], fact, promise)
-    named = [float(r["set_size"]) for r in done if r["kind"] == "one" and r["names"]]
-    each += quantile("set_size", "size of the set where one is named: median", named)
-    each += quantile("set_size_p90", "... and 90th percentile", named, 0.9)
-    each += _held_out([r for r in done if r["kind"] in RECORDS])
-    times = [r["cpu_s"] for r in done]
+            facts = _facts(data[data["kind"] == kind.name], FACTS.loc[key])
+            yield from _share(
+                f"{kind.name}_{key}", f"{kind.name}: {FACTS.loc[key, 'title']}", facts, promise
+            )
+    for key, row in SHARES.iterrows():
+        limits = (row["sense"], float(row["must"]), float(row["aim"])) if row["sense"] else ()
+        yield from _share(str(key), row["title"], _facts(data, row), Promise(*limits))
+    one = data.query("kind == 'one'")
+    sizes = one[[bool(n) for n in one["names"]]].get("set_size", pd.Series(dtype=float))
+    yield from _quantile("set_size", "size of the set where one is named: median", sizes)
+    yield from _quantile("set_size_p90", "... and 90th percentile", sizes, 0.9)
+    if "oracle_after" in one:
+        strong = one.query(
+            "rho >= 0.4 and oracle_after < oracle_before and expected_oracle < expected_before"
+        )
+        gain = 1 - strong["reported_after"] / strong["reported_before"]
+        gain /= 1 - strong["oracle_after"] / strong["oracle_before"]
+        title = "held-out gain over the true model's, rho >= 0.4: median"
+        yield from _quantile("gain", title, gain, promise=Promise(">=", 0.90, 0.98))
+        yield from _quantile("gain_p10", "... its tenth percentile", gain, 0.1)
     limit = Promise("<=", 4.0, 2.0)
-    each += quantile("time", "CPU seconds per boundary: median", times, promise=limit)
-    each += quantile("time_p95", "... 95th percentile", times, 0.95)
-    return each
-
-
-def _held_out(done: list[Row]) -> Iterator[Figure]:
-    """Reduction of the error on visits left out, over that by the true model."""
-    gain = [
-        (1 - r["reported_after"] / r["reported_before"])
-        / (1 - r["oracle_after"] / r["oracle_before"])
-        for r in done
-        if r["kind"] == "one"
-        and r["rho"] >= STRONG
-        and r["oracle_after"] < r["oracle_before"]
-        and r["expected_oracle"] < r["expected_before"]
-    ]
-    scored = [r for r in done if math.isfinite(r["reported_after"])]
-    most = Promise(">=", 0.90, 0.98)
-    yield from quantile(
-        "gain", "held-out gain over the true model's, rho >= 0.4: median", gain, promise=most
-    )
-    yield from quantile("gain_p10", "... its tenth percentile", gain, 0.1)
-    yield from share(
-        "worse",
-        "made worse on held-out trials, as reported",
-        scored,
-        lambda r: r["reported_after"] > r["reported_before"] * (1 + 1e-9),
-        Promise("<=", 0.03, 0.01),
-    )
-    yield from share(
-        "worse_again",
-        "made worse on an independent repeat",
-        scored,
-        lambda r: r.get("expected_after", 0.0) > r["expected_before"],
-    )
+    yield from _quantile("time", "CPU seconds per boundary: median", data["cpu_s"], promise=limit)
+    yield from _quantile("time_p95", "... 95th percentile", data["cpu_s"], 0.95)
 
 
 # tables
 
 
-def _brief(rows: list[Row], fact: str | Test) -> str:
-    return next((f.brief for f in share("", "", rows, fact)), "")
+def _width(data: pd.DataFrame, q: float = 0.5) -> float:
+    """A quantile of the quoted interval's width over the true model's."""
+    return float((data["width_quoted"] / data["oracle_width"]).quantile(q))
 
 
-def _width(rows: list[Row], *quantiles: float) -> list[float]:
-    """Quantiles of the quoted interval's width over the true model's."""
-    return np.quantile([r["width_quoted"] / r["oracle_width"] for r in rows], quantiles).tolist()
-
-
-def by_kind(rows: list[Row]) -> list[Row]:
+def by_kind(data: pd.DataFrame) -> pd.DataFrame:
     """Every fact of every kind but those of records, and the interval's width."""
-    table = []
-    for kind in (k for k in KINDS if k not in RECORDS):
-        ran = [r for r in rows if r["kind"] == kind and "failed" in r]
-        done = [r for r in ran if r["failed"] == ""]
-        if not done:
-            continue
-        facts = {
-            w: _brief([r for r in done if among(r)], fact) for w, among, fact in FACTS.values()
-        }
-        table.append(
-            {"kind": kind, "n": len(ran), "raised": len(ran) - len(done)}
-            | facts
-            | {
-                "width / true model's (90th percentile)": "{:.2f} ({:.2f})".format(
-                    *_width(done, 0.5, 0.9)
-                )
-            }
-        )
-    return table
+    width = "width / true model's (90th percentile)"
+    return pd.DataFrame(
+        {"kind": kind, "n": len(mine)}
+        | {row["title"]: brief(_facts(mine, row)) for _, row in FACTS.iterrows()}
+        | {width: f"{_width(mine):.2f} ({_width(mine, 0.9):.2f})"}
+        for kind, mine in data[~data["kind"].isin(RECORDS)].groupby("kind", sort=False)
+    )
 
 
-def by_verdict(rows: list[Row]) -> list[Row]:
+def by_verdict(data: pd.DataFrame) -> pd.DataFrame:
     """Coverage of the quoted interval: a line for each kind of campaign, a cell for each verdict."""
-    kinds: dict[str, Test] = {
-        "null": lambda r: not r["truth"],
-        "one effect of the library": _of("one"),
-        "two effects": _of("two"),
-        "structure outside the library": _of("outside"),
-        "strange structure": lambda r: r["kind"] in r["truth"],
-        "an effect under drifting noise": lambda r: (
-            bool(r["truth"]) and r["kind"] in ("wander", "ar_95")
-        ),
-        "**all**": lambda r: True,
+    kinds = {
+        "null": "empty",
+        "one effect of the library": "kind == 'one'",
+        "two effects": "kind == 'two'",
+        "structure outside the library": "kind == 'outside'",
+        "strange structure": "strange",
+        "an effect under drifting noise": "not empty and kind in ('wander', 'ar_95')",
+        "**all**": "n == n",
     }
 
-    def cell(mine: list[Row]) -> str:
-        return f"{_brief(mine, 'cover_quoted')}, {_width(mine, 0.5)[0]:.2f}" if mine else "-"
+    def cell(mine: pd.DataFrame) -> str:
+        return f"{brief(mine['cover_quoted'])}, {_width(mine):.2f}" if len(mine) else "-"
 
-    return [
+    return pd.DataFrame(
         {"campaign": words}
-        | {v: cell([r for r in mine if r["verdict"] == v]) for v in VERDICTS}
+        | {v: cell(mine[mine["verdict"] == v]) for v in VERDICTS}
         | {"all": cell(mine)}
         for words, among in kinds.items()
-        if (mine := [r for r in rows if among(r)])
-    ]
+        if len(mine := data.query(among))
+    )
 
 
-def by_structure(rows: list[Row]) -> list[Row]:
+def by_structure(data: pd.DataFrame) -> pd.DataFrame:
     """Claims, names and coverage for each structure outside the library."""
-    table = []
+    lines = []
     for name in (*UNNAMED, *STRANGE):
-        mine = [r for r in rows if r.get("failed") == "" and name in r["truth"]]
-        line: Row = {"structure": name, "n": len(mine)}
-        line |= {w: sum(bool(r[w]) for r in mine) for w in ("claimed", "named")}
-        for verdict in ("unexplained", "adequate"):
-            held = [r["cover_quoted"] for r in mine if r["verdict"] == verdict]
-            line[f"{verdict}: interval holds"] = f"{sum(held)} of {len(held)}"
-        if mine:
-            table.append(line)
-    return table
+        mine = data[[name in truth for truth in data["truth"]]]
+        held = {v: mine[mine["verdict"] == v]["cover_quoted"] for v in ("unexplained", "adequate")}
+        if len(mine):
+            lines.append(
+                {"structure": name, "n": len(mine)}
+                | {fact: int(mine[fact].sum()) for fact in ("claimed", "named")}
+                | {f"{v}: interval holds": f"{h.sum()} of {len(h)}" for v, h in held.items()}
+            )
+    return pd.DataFrame(lines)
 
 
-def by_effect(rows: list[Row]) -> list[Row]:
+def by_effect(data: pd.DataFrame) -> pd.DataFrame:
     """How often each true effect was named first, was in the set, and what was named instead."""
-    one = [r for r in rows if r["kind"] == "one" and r.get("failed") == ""]
-    table = []
-    for name in sorted({r["truth"][0] for r in one}):
-        mine = [r for r in one if r["truth"][0] == name]
-        instead = Counter(n for r in mine for n in r["names"] or [r["verdict"]] if n != name)
-        table.append(
+    one, lines = data.query("kind == 'one'"), []
+    for name, mine in one.groupby(one["truth"].str[0]):
+        pairs = zip(mine["names"], mine["verdict"], strict=True)
+        instead = Counter(n for names, verdict in pairs for n in names or [verdict] if n != name)
+        lines.append(
+            {"effect": name, "n": len(mine)}
+            | {fact: mine[fact].astype(float).mean() for fact in ("right", "inside")}
+            | {"instead": ", ".join(f"{n} ({k})" for n, k in instead.most_common(3))}
+        )
+    return pd.DataFrame(lines)
+
+
+def peer_table(rows: list[Row]) -> pd.DataFrame:
+    """Rival methods, from rows with `peers`; the diagnosis itself last."""
+    rows, lines = [r for r in rows if "peers" in r], []
+    for method in (*PEERS, "nearlift")[: len(PEERS) + any("names" in r for r in rows)]:
+        answers = [r["peers"].get(method, r.get("names", [])) for r in rows]
+        data = pd.DataFrame(
             {
-                "effect": name,
-                "n": len(mine),
-                "right": _mean(mine, lambda r: r["right"]),
-                "inside": _mean(mine, lambda r: r["inside"]),
-                "instead": ", ".join(f"{n} ({k})" for n, k in instead.most_common(3)),
+                "kind": [r["kind"] for r in rows],
+                "named": [bool(a) for a in answers],
+                "exact": [{*a} == {*r["truth"]} for a, r in zip(answers, rows, strict=True)],
+                "given": [len(a) for a in answers],
+                "false": [len({*a} - {*r["truth"]}) for a, r in zip(answers, rows, strict=True)],
             }
         )
-    return table
-
-
-def peer_table(rows: list[Row]) -> list[Row]:
-    """Rival methods, from rows with `peers`; the diagnosis itself last."""
-    rows = [r for r in rows if "peers" in r]
-    methods: dict[str, Callable[[Row], list[str]]] = {
-        method: lambda r, m=method: r["peers"][m] for method in PEERS
-    }
-    if any("names" in r for r in rows):
-        methods["nearlift"] = lambda r: r.get("names", [])
-    null, inside, outside = (
-        [r for r in rows if r["kind"] in kinds]
-        for kinds in (("null",), ("weak", "one"), ("outside",))
-    )
-    table = []
-    for method, pick in methods.items():
-        given = sum(len(pick(r)) for r in inside)
-        false = sum(len({*pick(r)} - {*r["truth"]}) for r in inside)
-        table.append(
+        inside = data[data["kind"].isin(["weak", "one"])]
+        lines.append(
             {
                 "method": method,
-                "null: names something": _mean(null, pick),
-                "exact answer": _mean(inside, lambda r, p=pick: {*p(r)} == {*r["truth"]}),
-                "false share of names": false / given if given else math.nan,
-                "outside the library: names something": _mean(outside, pick),
+                "null: names something": data[data["kind"] == "null"]["named"].mean(),
+                "exact answer": inside["exact"].mean(),
+                "false share of names": inside["false"].sum() / max(inside["given"].sum(), 1),
+                "outside the library: names something": data[data["kind"] == "outside"][
+                    "named"
+                ].mean(),
             }
         )
-    return table
+    return pd.DataFrame(lines) if rows else pd.DataFrame()
 
 
-def _mean(rows: list[Row], fact: Callable[[Row], Any]) -> float:
-    return sum(bool(fact(r)) for r in rows) / len(rows) if rows else math.nan
+def table(data: pd.DataFrame) -> str:
+    """A table in Markdown, numbers to two decimals."""
+    lines = [[*data.columns], ["---"] * len(data.columns)]
+    lines += [[f"{v:.2f}" if isinstance(v, float) else str(v) for v in r] for r in data.to_numpy()]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def write(page: Path, name: str, body: str) -> None:
+    """Put a section between its markers: in the place of the one that the page has, or at its end."""
+    start, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+    text, whole = page.read_text(encoding="utf-8"), f"{start}{body.strip()}\n{end}"
+    old = re.search(re.escape(start) + ".*?" + re.escape(end), text, flags=re.DOTALL)
+    text = text.replace(old[0], whole) if old else f"{text.rstrip()}\n\n{whole}"
+    page.write_text(text, encoding="utf-8")
 
 
 def markdown(rows: list[Row]) -> str:
     """The figures and all tables."""
-    lines = [
-        "| Figure | Value | 95 % interval | n | Must | Aim | |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for f in figures(rows):
-        show = "{:.3g}".format if f.k is None else "{:.1%}".format
-        must, aim = (
-            f"{f.promise.sense} {show(v)}" if v is not None else ""
-            for v in (f.promise.must, f.promise.aim)
-        )
+    lines = []
+    for f in figures(rows).itertuples():
+        show = "{:.3g}".format if np.isnan(f.k) else "{:.1%}".format
+        must, aim = ("" if f.sense == "" else f"{f.sense} {show(v)}" for v in (f.must, f.aim))
         mark = {None: "", True: "holds", False: "**fails**"}[f.passed]
-        lines.append(
-            f"| {f.title} | {show(f.value)} | {show(f.lo95)} to {show(f.hi95)} | {f.n} | {must} |"
-            f" {aim} | {mark} |"
-        )
-    good = [r for r in rows if r.get("failed") == ""]
+        ends = f"{show(f.lo95)} to {show(f.hi95)}"
+        lines.append([f.title, show(f.value), ends, f.n, must, aim, mark])
+    head = ["Figure", "Value", "95 % interval", "n", "Must", "Aim", ""]
+    text = table(pd.DataFrame(lines, columns=head, dtype=object))
+    data = frame(rows) if any(r.get("failed") == "" for r in rows) else None
+    if data is None:
+        return text
     sections = {
-        "Per kind": by_kind(rows),
-        "Per verdict": by_verdict(good),
-        "Per effect": by_effect(rows),
-        "Per structure outside the library": by_structure(rows),
+        "Per kind": by_kind(data),
+        "Per verdict": by_verdict(data),
+        "Per effect": by_effect(data),
+        "Per structure outside the library": by_structure(data),
         "Rival methods": peer_table(rows),
     }
-    further = [
-        f"\n## {title}\n\n{pages.table(table)}" for title, table in sections.items() if table
-    ]
-    return "\n".join(lines) + "\n" + "".join(further)
+    return text + "".join(f"\n## {t}\n\n{table(made)}" for t, made in sections.items() if len(made))
 
 
 BODY = """## The number to quote
@@ -494,11 +373,11 @@ def main() -> None:
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, default=Path("docs/coverage.md"))
     given = parser.parse_args()
-    rows = [json.loads(line) for path in given.rows for line in path.read_text().splitlines()]
-    rows = [r for r in rows if r["failed"] == ""]
-    tables = {"verdicts": by_verdict(rows), "structures": by_structure(rows)}
-    body = BODY.format(n=len(rows), **{k: pages.table(t) for k, t in tables.items()})
-    pages.write(given.out, "verdicts", body)
+    lines = [line for path in given.rows for line in path.read_text().splitlines()]
+    data = frame([json.loads(line) for line in lines])
+    tables = {"verdicts": by_verdict(data), "structures": by_structure(data)}
+    body = BODY.format(n=len(data), **{k: table(t) for k, t in tables.items()})
+    write(given.out, "verdicts", body)
 
 
 if __name__ == "__main__":

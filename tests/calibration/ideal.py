@@ -13,11 +13,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import minimize_scalar
 from tests.calibration import forms, oracle, spread
 from tests.calibration.kinds import REPORTED, draw
 from tests.calibration.simulator import Campaign, log_lift
-from tests.calibration.streams import unordered
 
 #: Sizes that are tried first, over the largest possible.
 SHARES = (0.004, 0.015, 0.05, 0.12, 0.25, 0.45, 0.7, 1.0)
@@ -87,10 +87,8 @@ class Observer:
             near = minimize_scalar(miss, bounds=span, method="bounded", options={"maxiter": 14})
             least = min((float(near.fun), float(near.x)), (tried[i], SHARES[i]))
             best = min(best, (least[0], least[1] * largest))
-        setting, campaign = self.campaign.setting, self.campaign
-        effect = (log_lift(setting, ((form, best[1]),)) - log_lift(setting, ()))[campaign.keep]
-        absorbed = np.hstack([campaign.indicator, campaign.jacobian])
-        rho = campaign.whitener.strength(effect, absorbed)
+        left = self.campaign.left(self.campaign.effect((form, best[1])))
+        rho = float(np.sqrt(np.mean(left**2)))
         if rho < WEAKEST / 2:
             return -math.inf
         price = math.log(max(rho, WEAKEST)) + form.signed * math.log(2)
@@ -135,14 +133,13 @@ def main() -> None:
     given = parser.parse_args()
     jobs: list[Job] = [(forms.BOUNDARIES[i % 3], given.seed + i) for i in range(given.count)]
     with spread.opened(given.executor) as executor:
-        rows = list(unordered(executor, assess, jobs))
-    print("| forms known | best name right | within the set | size of the set |\n|---|---|---|---|")
+        rows = list(spread.unordered(executor, assess, jobs))
+    data = pd.DataFrame(rows)
     for known in ("own", "both"):
         right, inside, size = (
-            float(np.mean([r[f"{known}_{what}"] for r in rows]))
-            for what in ("right", "inside", "set")
+            data[f"{known}_{what}"].mean() for what in ("right", "inside", "set")
         )
-        print(f"| {known} | {100 * right:.1f} % | {100 * inside:.1f} % | {size:.2f} |")
+        print(f"{known} forms known: {right:.1%} named right, {inside:.1%} within {size:.2f} names")
 
 
 if __name__ == "__main__":

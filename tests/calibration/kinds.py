@@ -8,8 +8,9 @@ what any engine may assume. Where nothing else is said, every other three seeds 
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -20,15 +21,11 @@ from tests.calibration.simulator import Campaign, Errors, Shared, Spec, Unreacha
 
 REPORTED = 600_000  # seeds from here on are for reporting; tune on others
 STRONG = 0.4
-LEAST_BESIDE = (
-    0.1  # what the weaker of two effects must keep beside the other; below, nothing could part them
-)
+RHO = {"weak": (0.1, 0.2), "one": (0.2, 1.2)}
 
 
 class Promise(NamedTuple):
-    """What is to be reached: ">=" or "<=" `must`, better `aim`; sense "" where nothing is
-    promised.
-    """
+    """A figure must be >= or <= `must`, better `aim`; sense "" where nothing is promised."""
 
     sense: str = ""
     must: float | None = None
@@ -48,7 +45,7 @@ class Kind:
     make : callable
         Kind, boundary and seed to the campaign. A seed means another bench and other noise for
         every kind and boundary, so that all rows are independent; effects that the bench cannot
-        show are drawn anew.
+        show are drawn again.
     asks : dict
         A fact of `figures.FACTS` to what is promised of it.
     looks : tuple of int
@@ -76,70 +73,59 @@ def chosen(names: str) -> tuple[str, ...]:
     ValueError
         A name is neither.
     """
-    found: list[str] = []
-    for name in names.split(","):
-        mine = [k.name for k in KINDS.values() if name in (k.name, k.group)]
-        if not mine:
+    wanted = names.split(",")
+    groups = dict.fromkeys(k.group for k in KINDS.values())
+    for name in wanted:
+        if name not in KINDS and name not in groups:
             raise ValueError(
-                f"{name}: neither a kind ({', '.join(KINDS)}) nor a group"
-                f" ({', '.join(dict.fromkeys(k.group for k in KINDS.values()))})"
+                f"{name}: no kind ({', '.join(KINDS)}), no group ({', '.join(groups)})"
             )
-        found += mine
-    return tuple(dict.fromkeys(found))
+    return tuple(
+        dict.fromkeys(k.name for n in wanted for k in KINDS.values() if n in (k.name, k.group))
+    )
+
+
+def _common(seed: int) -> Fields:
+    """Fields that the seed's thirds decide, since three boundaries take three seeds in turn."""
+    return {"realism": bool(seed // 3 % 2), "foreign": seed // 3 % 3 == 2}
 
 
 def _records(kind: Kind, boundary: str, seed: int) -> Campaign:
     """Campaigns of load-cell records."""
     rng = stream(seed, "draw", kind.name, boundary)
     own = int(rng.integers(2**40))
-    # three boundaries take three seeds in turn, so the seed's thirds decide what must not hang on
-    # the boundary
-    common = {
-        "boundary": boundary,
-        "design": str(rng.choice(["from_one", "percent_diameter", "mm"], p=[0.5, 0.35, 0.15])),
-        "realism": bool(seed // 3 % 2),
-    }
-    foreign = seed // 3 % 3 == 2
-    if kind.name == "null":
-        return simulate(Spec(**common), own)
+    design = str(rng.choice(["from_one", "percent_diameter", "mm"], p=[0.5, 0.35, 0.15]))
+    common = {"boundary": boundary, "design": design, **_common(seed)}
     if kind.name == "within":
-        return simulate(
-            Spec(
-                **common,
-                sink=float(np.exp(rng.uniform(np.log(0.002), np.log(0.02)))),
-                foreign=foreign,
-            ),
-            own,
-        )
-    if kind.name == "outside":
-        low, high = (0.2, STRONG) if rng.random() < 0.5 else (STRONG, 1.0)
-        return simulate(
-            Spec(
-                **common,
-                effects=((str(rng.choice(list(forms.UNNAMED))), float(rng.uniform(low, high))),),
-            ),
-            own,
-        )
+        return simulate(Spec(**common, sink=_between(rng, 0.002, 0.02)), own)
     if kind.name == "two":
-        names = [str(n) for n in rng.permutation(forms.names(boundary))]
-        pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-        for i in rng.permutation(len(pairs)):
-            rho = float(rng.uniform(0.2, STRONG))
-            with contextlib.suppress(Unreachable):
-                first, second = pairs[i]
-                campaign = simulate(
-                    Spec(
-                        **common,
-                        effects=((first, rho), (second, rho * float(rng.uniform(1, 2)))),
-                        foreign=foreign,
-                    ),
-                    own,
-                )
-                if min(campaign.truth.rho_beside.values()) >= LEAST_BESIDE:
-                    return campaign
-        raise Unreachable("any pair", 0.2, 0.0)
-    low, high = {"weak": (0.1, 0.2), "one": (0.2, 1.2)}[kind.name]
-    return _with_one(rng, forms.names(boundary), low, high, {**common, "foreign": foreign}, own)
+        return two_effects(rng, common, own)
+    if kind.name in RHO:
+        return _with_one(rng, forms.names(boundary), *RHO[kind.name], common, own)
+    plain = {**common, "foreign": False}
+    if kind.name == "null":
+        return simulate(Spec(**plain), own)
+    low, high = (0.2, STRONG) if rng.random() < 0.5 else (STRONG, 1.0)
+    effect = str(rng.choice(list(forms.UNNAMED))), float(rng.uniform(low, high))
+    return simulate(Spec(**plain, effects=(effect,)), own)
+
+
+def two_effects(
+    rng: np.random.Generator, fields: Fields, seed: int, scale: float = 1.0, least: float = 0.1
+) -> Campaign:
+    """Two effects, the weaker of rho 0.2 to 0.4 times `scale`; with the other in the model it keeps
+    rho `least`: below, nothing could distinguish them.
+    """
+    names = [str(n) for n in rng.permutation(forms.names(fields["boundary"]))]
+    pairs = list(itertools.combinations(names, 2))
+    for i in rng.permutation(len(pairs)):
+        rho = scale * float(rng.uniform(0.2, STRONG))
+        with contextlib.suppress(Unreachable):
+            both = zip(pairs[i], (rho, rho * float(rng.uniform(1, 2))), strict=True)
+            campaign = simulate(Spec(**fields, effects=tuple(both)), seed)
+            if min(campaign.truth.rho_beside.values()) >= least:
+                return campaign
+    raise Unreachable("any pair", 0.2, 0.0)
 
 
 def _with_one(
@@ -158,10 +144,8 @@ def _with_one(
             return simulate(Spec(**fields, effects=((name, _between(rng, low, high)),)), seed)
         except Unreachable as limit:
             if limit.most > 1.1 * low:
-                return simulate(
-                    Spec(**fields, effects=((name, _between(rng, low, min(high, limit.most))),)),
-                    seed,
-                )
+                rho = _between(rng, low, min(high, limit.most))
+                return simulate(Spec(**fields, effects=((name, rho),)), seed)
     raise Unreachable("any effect", low, 0.0)
 
 
@@ -169,7 +153,7 @@ def _between(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _trials(
+def trials(
     fields: Fields | Callable[[np.random.Generator], Fields],
     kind: Kind,
     boundary: str,
@@ -184,28 +168,17 @@ def _trials(
     """
     rng = stream(seed, "draw", kind.name, boundary)
     own = int(rng.integers(2**40))
-    given = {
-        "boundary": boundary,
-        "realism": False,
-        "errors": Errors(),
-        "visits": int(rng.choice([5, 15])),
-        "foreign": seed // 3 % 3 == 2,
-    }
+    given = {"boundary": boundary, "errors": Errors(), "visits": int(rng.choice([5, 15]))}
+    given |= {**_common(seed), "realism": False}
     given |= fields(rng) if callable(fields) else fields
-    if not (always or seed // 3 % 2):
-        return simulate(Spec(**given), own)
-    names = tuple(n for n in among or forms.NAMED if boundary in forms.form(n, False).most)
-    for bench in range(own, own + (20 if always else 1)):
-        with contextlib.suppress(Unreachable):
-            return _with_one(rng, names, *rho, given, bench)
-    if always:
-        raise Unreachable(kind.name, rho[0], 0.0)
+    if always or seed // 3 % 2:
+        names = tuple(n for n in among or forms.NAMED if boundary in forms.form(n, False).most)
+        for bench in range(own, own + (20 if always else 1)):
+            with contextlib.suppress(Unreachable):
+                return _with_one(rng, names, *rho, given, bench)
+        if always:
+            raise Unreachable(kind.name, rho[0], 0.0)
     return simulate(Spec(**given), own)
-
-
-def _same(fields: Fields, kind: Kind, boundary: str, seed: int, **how: Any) -> Campaign:
-    """As `_trials`, the same bench and noise for all kinds of a group."""
-    return _trials(fields, replace(kind, name=kind.group), boundary, seed, **how)
 
 
 COVERED = Promise(">=", 0.87, 0.90)
@@ -213,44 +186,39 @@ SOUND = {"null_claimed": Promise("<=", 0.05, 0.05), "covered": COVERED}
 UNNAMED_UNDER = {"null_named": Promise("<=", 0.03, 0.01), "covered": COVERED}
 
 
+def _kind(
+    group: str,
+    name: str,
+    fields: Fields | Callable[[np.random.Generator], Fields],
+    asks: Mapping[str, Promise] = SOUND,
+    boundaries: tuple[str, ...] = forms.BOUNDARIES,
+    looks: tuple[int, ...] = (),
+    **how: Any,
+) -> Kind:
+    make = partial(trials, fields, **how)
+    return Kind(name=name, group=group, make=make, asks=asks, boundaries=boundaries, looks=looks)
+
+
 def _violation(name: str, asks: Mapping[str, Promise] = SOUND, **errors: float) -> Kind:
-    return Kind(
-        name=name,
-        group="violations",
-        make=partial(_trials, {"errors": Errors(**errors)}),
-        asks=asks,
-    )
+    return _kind("violations", name, {"errors": Errors(**errors)}, asks)
 
 
 def _design(name: str, boundaries: tuple[str, ...] = forms.BOUNDARIES, **fields: Any) -> Kind:
-    return Kind(
-        name=name, group="designs", make=partial(_trials, fields), asks=SOUND, boundaries=boundaries
-    )
+    return _kind("designs", name, fields, boundaries=boundaries)
 
 
 def _inputs(
     name: str, boundaries: tuple[str, ...] = forms.BOUNDARIES, **shared: float
 ) -> tuple[Kind, Kind]:
-    """Declared, where the interval must hold the truth, and not, where nothing can be asked."""
+    """Stated, where the interval must hold the truth, and not, where nothing can be asked."""
     fields = {"shared": Shared(**shared), "visits": 5}
     return (
-        Kind(
-            name=f"{name}_declared",
-            group="inputs",
-            make=partial(_trials, {**fields, "declared": True}),
-            asks=SOUND,
-            boundaries=boundaries,
-        ),
-        Kind(
-            name=f"{name}_undeclared",
-            group="inputs",
-            make=partial(_trials, fields),
-            boundaries=boundaries,
-        ),
+        _kind("inputs", f"{name}_declared", {**fields, "declared": True}, SOUND, boundaries),
+        _kind("inputs", f"{name}_undeclared", fields, {}, boundaries),
     )
 
 
-def _wander(rng: np.random.Generator) -> Fields:
+def random_gain(rng: np.random.Generator) -> Fields:
     """Half walk at random, half keep to 20 to 400 trials; 0.03 to 0.3 % rms."""
     trials = np.inf if rng.random() < 0.5 else _between(rng, 20, 400)
     return {"errors": Errors(wander=_between(rng, 3e-4, 3e-3), trials=trials)}
@@ -273,12 +241,15 @@ def _table(rng: np.random.Generator) -> Fields:
 #: Effects that a table of distances and throttles can show.
 TABULAR = (
     *(
-        k.name
-        for k in forms.KINDS
-        if k.own.place in ("height", "ratio") and k.name not in ("approach_backlash", "tilt")
+        name
+        for name, (own, _) in forms.NAMED.items()
+        if own.place in ("height", "ratio") and name not in ("approach_backlash", "tilt")
     ),
     *("room_recirculation", "zero_offset", "cell_nonlinearity", "tether_stiffness"),
 )
+RIGHT = {**SOUND, "named_right": Promise(">=", 0.8, 0.9)}
+NAMELESS = {"given_a_name": Promise("<=", 0.03, 0.01), "covered": Promise(">=", 0.82, 0.88)}
+LOOKS = tuple(int(4 * np.round(n / 4)) for n in np.linspace(160, 1200, 20))
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
@@ -298,7 +269,7 @@ KINDS: dict[str, Kind] = {
             _violation(f"ar_{100 * r:.0f}", UNNAMED_UNDER if r >= 0.9 else SOUND, correlation=r)
             for r in (0.5, 0.8, 0.9, 0.95, 0.97)
         ),
-        Kind(name="wander", group="violations", make=partial(_trials, _wander), asks=UNNAMED_UNDER),
+        _kind("violations", "wander", random_gain, UNNAMED_UNDER),
         _design("large_rotor", radius_m=0.06),
         _design("two_throttles", throttles=(THROTTLES[1], THROTTLES[3])),
         _design("one_session", sessions=1),
@@ -315,47 +286,39 @@ KINDS: dict[str, Kind] = {
         *_inputs("radius", rotor_radius=0.01),
         *_inputs("spacing", boundaries=("ground",), spacing_m=5e-4),
         *_inputs("datum", datum_m=2e-4),
-        Kind(
-            name="experiments",
-            group="experiments",
-            make=partial(_trials, {"experiments": True}, among=tuple(forms.EXPERIMENTS)),
-            asks={**SOUND, "named_right": Promise(">=", 0.8, 0.9)},
+        _kind(
+            "experiments",
+            "experiments",
+            {"experiments": True},
+            RIGHT,
+            among=tuple(forms.EXPERIMENTS),
         ),
-        # what these rivals cost the others, beside the same campaigns without their columns
-        *(
-            Kind(
-                name=f"rivals_{word}",
-                group="experiments",
-                make=partial(
-                    _same, {"experiments": logged, "visits": 5}, rho=(0.2, 0.6), always=True
-                ),
-                asks={},
-            )
-            for word, logged in (("logged", True), ("unlogged", False))
+        _kind(
+            "tables",
+            "table",
+            _table,
+            {"undiagnosed": Promise("<=", 0.0, 0.0), **SOUND},
+            rho=(1.0, 3.0),
+            among=TABULAR,
         ),
-        Kind(
-            name="table",
-            group="tables",
-            make=partial(_trials, _table, rho=(1.0, 3.0), among=TABULAR),
-            asks={"undiagnosed": Promise("<=", 0.0, 0.0), **SOUND},
-        ),
-        Kind(
-            name="growing",
-            group="growing",
-            make=partial(_trials, {"visits": 15}, rho=(0.3, 0.6)),
-            asks={"null_claimed": Promise("<=", 0.05, 0.05)},
-            looks=tuple(int(4 * np.round(n / 4)) for n in np.linspace(160, 1200, 20)),
+        _kind(
+            "growing",
+            "growing",
+            {"visits": 15},
+            {"null_claimed": Promise("<=", 0.05, 0.05)},
+            looks=LOOKS,
+            rho=(0.3, 0.6),
         ),
         *(
-            Kind(
-                name=name,
-                group="strange",
-                make=partial(_trials, {}, rho=(STRONG, 1.0), among=(name,), always=True),
-                asks={
-                    "given_a_name": Promise("<=", 0.03, 0.01),
-                    "covered": Promise(">=", 0.82, 0.88),
-                },
-                boundaries=tuple(form.most),
+            _kind(
+                "strange",
+                name,
+                {},
+                NAMELESS,
+                tuple(form.most),
+                rho=(STRONG, 1.0),
+                among=(name,),
+                always=True,
             )
             for name, form in forms.STRANGE.items()
         ),

@@ -15,18 +15,18 @@ the test is silent, "nothing" is then the true explanation: it claims no detecta
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import isotonic_regression
 from scipy.stats import chi2, ncx2
 from tests.calibration import forms
 from tests.calibration.bench import stream
-from tests.calibration.kinds import LEAST_BESIDE, STRONG, Kind, Make, _trials, _wander
+from tests.calibration.kinds import Kind, Make, random_gain, trials, two_effects
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, log_lift, simulate
 
 DRAWS = 999
@@ -57,32 +57,13 @@ def _two(kind: Kind, boundary: str, seed: int) -> Campaign:
     """Two effects, the weaker of rho 0.26 to 0.52, either visible next to the other."""
     rng = stream(seed, "draw", kind.name, boundary)
     own = int(rng.integers(2**40))
-    names = [str(n) for n in rng.permutation(forms.names(boundary))]
-    pairs = list(itertools.combinations(names, 2))
-    for i in rng.permutation(len(pairs)):
-        rho = 1.3 * float(rng.uniform(0.2, STRONG))
-        try:
-            both = zip(pairs[i], (rho, rho * float(rng.uniform(1, 2))), strict=True)
-            campaign = simulate(
-                Spec(
-                    boundary=boundary,
-                    realism=bool(seed // 3 % 2),
-                    errors=Errors(),
-                    effects=tuple(both),
-                    foreign=seed // 3 % 3 == 2,
-                    **VISITS,
-                ),
-                own,
-            )
-        except Unreachable:
-            continue
-        if min(campaign.truth.rho_beside.values()) >= 1.7 * LEAST_BESIDE:
-            return campaign
-    raise Unreachable("any pair", 0.2, 0.0)
+    fields = {"boundary": boundary, "realism": bool(seed // 3 % 2), "errors": Errors(), **VISITS}
+    fields["foreign"] = seed // 3 % 3 == 2
+    return two_effects(rng, fields, own, scale=1.3, least=0.17)
 
 
 def _one(rho: tuple[float, float], among: tuple[str, ...] | None = None) -> Make:
-    return partial(_trials, VISITS, rho=rho, among=among, always=True)
+    return partial(trials, VISITS, rho=rho, among=among, always=True)
 
 
 MAKE: dict[str, Make] = {
@@ -92,7 +73,7 @@ MAKE: dict[str, Make] = {
     "two": _two,
     "out": _one((0.3, 1.2), tuple(forms.UNNAMED)),
     "strange": _one((0.4, 1.2), tuple(forms.STRANGE)),
-    "wander": partial(_trials, lambda rng: _wander(rng) | VISITS),
+    "wander": partial(trials, lambda rng: random_gain(rng) | VISITS),
 }
 #: The mix of causes, which is the base rate that the probabilities assume: nine seeds of each.
 MIX = (
@@ -202,52 +183,40 @@ def miscalibration(probability: Array, true: Array) -> float:
     return float(np.sum((stated - true[order]) ** 2) - np.sum((fitted - true[order]) ** 2))
 
 
-def drawn(rows: list[Row], rng: np.random.Generator) -> Array:
-    """Truth of all entries if the probabilities are right: at most one true entry a campaign."""
-    truth = []
-    for row in rows:
-        probability, _ = entries(row)
-        which = np.searchsorted(np.cumsum(probability), rng.random())
-        truth += [float(i == which) for i in range(len(probability))]
-    return np.array(truth)
-
-
-def stacked(rows: list[Row]) -> tuple[Array, Array]:
-    """Probabilities and truth of all entries of all campaigns."""
+def stacked(rows: list[Row]) -> tuple[Array, Array, Array]:
+    """Probabilities and truth of all entries of all campaigns, and the campaign of each."""
     each = [entries(row) for row in rows]
     probability = np.array([p for ps, _ in each for p in ps])
-    return probability, np.array([float(t) for _, ts in each for t in ts])
+    true = np.array([float(t) for _, ts in each for t in ts])
+    return probability, true, np.repeat(np.arange(len(each)), [len(ps) for ps, _ in each])
+
+
+def drawn(probability: Array, campaign: Array, rng: np.random.Generator) -> Array:
+    """Truth of all entries if the probabilities are right: at most one true entry a campaign."""
+    total = np.bincount(campaign, probability)
+    below = np.cumsum(probability) - (np.cumsum(total) - total)[campaign] - probability
+    u = rng.random(len(total))[campaign]
+    return ((below < u) & (u <= below + probability)).astype(float)
 
 
 def reliability(rows: list[Row], seed: int = 0) -> dict[str, Any]:
     """Counts and shares by bins of probability, Brier scores, and the p-value of the joint test."""
-    probability, true = stacked(rows)
+    probability, true, campaign = stacked(rows)
     rng = np.random.default_rng(seed)
-    found = miscalibration(probability, true)
-    null = [miscalibration(probability, drawn(rows, rng)) for _ in range(DRAWS)]
-    bins = [
-        {
-            "from": float(low),
-            "n": int(mine.sum()),
-            "stated": float(probability[mine].mean()),
-            "true": float(true[mine].mean()),
-        }
-        for low, high in itertools.pairwise(EDGES)
-        for mine in [(probability >= low) & (probability < high)]
-        if mine.any()
-    ]
+    observed = miscalibration(probability, true)
+    null = [miscalibration(probability, drawn(probability, campaign, rng)) for _ in range(DRAWS)]
+    entry = pd.DataFrame({"stated": probability, "true": true, "campaign": campaign})
+    bins = entry.groupby(pd.cut(probability, EDGES, right=False, labels=EDGES[:-1]), observed=True)
+    table = bins[["stated", "true"]].mean().assign(n=bins.size()).rename_axis("from").reset_index()
     # a best name without its probability is one stated with certainty
-    certain = 0.0
-    for row in rows:
-        ps, ts = entries(row)
-        best = int(np.argmax(ps))
-        certain += sum(float(t if i != best else 1 - t) for i, t in enumerate(ts))
+    best = entry.groupby("campaign")["stated"].idxmax()
+    certain = true.sum() + np.sum(1 - 2 * true[best])
     return {
         "campaigns": len(rows),
-        "bins": bins,
+        "bins": table.to_dict("records"),
         "brier": float(np.sum((probability - true) ** 2) / len(rows)),
-        "brier_of_best_name": certain / len(rows),
-        "p_value": (1 + sum(value >= found for value in null)) / (1 + DRAWS),
+        "brier_of_best_name": float(certain / len(rows)),
+        "p_value": (1 + sum(value >= observed for value in null)) / (1 + DRAWS),
     }
 
 
@@ -255,9 +224,10 @@ def draw(rows: list[Row], file: Path) -> None:
     """Write the reliability diagram: CORP curve, 95 % consistency band, and counts of entries."""
     from matplotlib.figure import Figure
 
-    probability, true = stacked(rows)
+    probability, true, campaign = stacked(rows)
     rng, grid = np.random.default_rng(1), np.linspace(0, 1, 101)
-    band = [np.interp(grid, *corp(probability, drawn(rows, rng))) for _ in range(DRAWS)]
+    truths = (drawn(probability, campaign, rng) for _ in range(DRAWS))
+    band = [np.interp(grid, *corp(probability, truth)) for truth in truths]
     low, high = np.quantile(band, [0.025, 0.975], axis=0)
     figure = Figure(figsize=(5.0, 5.6), layout="constrained")
     axes, counts = figure.subplots(2, 1, height_ratios=[4, 1], sharex=True)

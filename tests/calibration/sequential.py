@@ -11,15 +11,17 @@ binomial intervals.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
+import pandas as pd
+from tests.calibration import forms
 from tests.calibration.bench import stream
+from tests.calibration.figures import brief
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, simulate
 
 from nearlift import catalogue
@@ -104,7 +106,7 @@ def fixed(stations: int, visits: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def known(data: Observations, pool: Pool) -> SearchProblem:
-    """The trials as a search problem at their true noise: what is estimated anew is the curve."""
+    """The trials as a search problem at their true noise: the curve is estimated again."""
     base = catalogue.model(catalogue.default_base(data.boundary, 4))
     true = pool.campaign.truth
     scatter = Noise(**{k: getattr(true.scatter, k) for k in ("relative", "force_N", "height_m")})
@@ -129,7 +131,7 @@ def u_of(problem: SearchProblem) -> float:
 
 def counted(pool: Pool, seed: int) -> tuple[np.ndarray, dict[str, int]]:
     """Visits until u of the first coefficient is what the full plan has after `FULL`: their order,
-    how many it took, was foretold, and takes by the fixed plan.
+    how many it took, was predicted, and takes by the fixed plan.
     """
     rng, stations = stream(seed, "plan"), len(pool.z_hat)
     target = u_of(known(pool.run(full(stations, FULL, stream(seed, "full"))), pool))
@@ -188,47 +190,31 @@ def _first(reached: Callable[[int], bool], most: int) -> int:
     return high
 
 
-def rows(count: int, seed: int, out: Path) -> None:
-    """Append a row per campaign, boundaries in turn; what stands there already is not run again."""
-    done = (
-        {json.loads(line)["seed"] for line in out.read_text().splitlines()} if out.exists() else ()
-    )
-    for i in range(count):
-        if seed + i in done:
-            continue
-        boundary = ("ground", "ceiling", "sidewall")[i % 3]
-        try:
-            row = coefficient(boundary, seed + i)
-        except Unreachable:
-            continue
-        with out.open("a") as sink:
-            sink.write(json.dumps({"seed": seed + i, "boundary": boundary} | row) + "\n")
-
-
-def tabulate(path: Path) -> str:
-    """Medians with quartiles, and shares with their exact 95 % intervals, by boundary."""
-    read = [json.loads(line) for line in path.read_text().splitlines()]
-    lines = []
-    for boundary in dict.fromkeys(r["boundary"] for r in read):
-        mine = [r for r in read if r["boundary"] == boundary]
-        parts = []
-        for name in read[0]:
-            values = [r[name] for r in mine if r[name] is not None]
-            if isinstance(values[0], bool):
-                k = binomtest(sum(values), len(values)).proportion_ci(0.95)
-                parts.append(f"{name} {sum(values)} of {len(values)} ({k.low:.3f} to {k.high:.3f})")
-            elif not isinstance(values[0], str) and name != "seed":
-                low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
-                parts.append(f"{name} {middle:.4g} ({low:.4g} to {high:.4g})")
-        lines.append(f"{boundary} n={len(mine)}: " + "; ".join(parts))
-    return "\n".join(lines)
-
-
-if __name__ == "__main__":
+def main() -> None:
+    """Append a row per campaign, boundaries in turn; then medians with quartiles, and shares with
+    their exact 95 % intervals, by boundary.
+    """
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=99)
     parser.add_argument("--seed", type=int, default=820_000)
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
-    rows(given.count, given.seed, given.out)
-    print(tabulate(given.out))
+    rows = pd.read_json(given.out, lines=True) if given.out.exists() else pd.DataFrame()
+    for i in range(given.count):
+        seed, boundary = given.seed + i, forms.BOUNDARIES[i % 3]
+        if len(rows) and seed in rows["seed"].to_numpy():
+            continue
+        with contextlib.suppress(Unreachable):
+            row = pd.DataFrame(
+                [{"seed": seed, "boundary": boundary, **coefficient(boundary, seed)}]
+            )
+            rows = pd.concat([rows, row], ignore_index=True)
+            rows.to_json(given.out, orient="records", lines=True)
+    for boundary, mine in rows.groupby("boundary"):
+        counts, facts = mine.select_dtypes("number"), mine.select_dtypes("bool")
+        print(boundary, len(mine), *(f"{name}: {brief(facts[name])}" for name in facts), sep="\n")
+        print(counts.drop(columns="seed").quantile([0.25, 0.5, 0.75]).to_string())
+
+
+if __name__ == "__main__":
+    main()

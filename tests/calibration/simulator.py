@@ -1,14 +1,13 @@
-"""The independent referee: simulated campaigns at record level, with a known truth.
+"""The independent simulator: campaigns at record level, with a known truth.
 
-`simulate(spec, seed)` plans a campaign (`bench`), computes its true lift from the referee's own
-physics (`forms`), writes a load-cell record for every trial (tare head, running part, rotor tone,
-coloured noise, counts) and reduces it with the library's own `reduction.record`: the one piece
-shared with what is being judged, because it is what turns records into trials. With `Spec.errors`
-it goes without records, and the errors of trials are what that says.
+`simulate(spec, seed)` plans a campaign (`bench`), computes its true lift from the simulator's own
+physics (`forms`), makes a load-cell record for every trial (tare, running part, rotor tone, coloured
+noise, counts) and reduces it with the library's `reduction.record`, the one piece shared with what
+is judged. With `Spec.errors` there are no records, and trials have those errors.
 
 An effect's strength rho is its rms per trial in units of trial noise after the base model's
-coefficients and a free L_inf per throttle have absorbed what they can: rho^2 = ||P W e||^2 / n with
-W the true whitening, P the projection, e its log lift.
+coefficients and a free L_inf per throttle have absorbed their part: rho^2 = ||P W e||^2 / n with W
+the true whitening, P the projection, e its log lift.
 """
 
 from __future__ import annotations
@@ -25,9 +24,11 @@ from scipy.stats import norm
 from tests.calibration import forms
 from tests.calibration.bench import (
     RADIUS,
-    SPACING,
-    THROTTLES,
+    Array,
     Bench,
+    Errors,
+    Shared,
+    Spec,
     build,
     levels_N,
     stream,
@@ -40,10 +41,12 @@ from nearlift.reduction.record import reduce_record
 from nearlift.reduction.samples import Conditions
 from nearlift.results import Observations
 
+__all__ = ["Campaign", "Errors", "Shared", "Spec", "Unreachable", "simulate"]
+
 RATE = 1000.0
 COUNT_N = 9.8e-6
 COLOUR = 0.8  # correlation of the coloured part from one sample to the next
-Array = np.ndarray
+Pieces = tuple[tuple[forms.Form, float], ...]
 
 
 class Unreachable(Exception):
@@ -51,152 +54,7 @@ class Unreachable(Exception):
 
     def __init__(self, kind: str, rho: float, most: float) -> None:
         super().__init__(f"{kind} reaches rho = {most:.3g} at most, not {rho:.3g}")
-        self.kind, self.most = kind, most
-
-
-@dataclass(frozen=True, kw_only=True)
-class Shared:
-    """Sizes of errors that many trials have in common, each drawn once per element of its scope; 0
-    is none.
-
-    Attributes
-    ----------
-    session_gain, throttle_gain : float
-        Standard deviation of a gain error per session and per throttle.
-    visit_gain : float
-        The same per visit.
-    datum_m : float
-        Standard deviation of one offset of every distance.
-    rotor_radius, spacing_m : float
-        Standard deviation of the radius, as a fraction, and of the spacing that the campaign's
-        owner believes in.
-    cell_N : float
-        Half-width of the load cell's uniform departure from its line at `range_N`; it bends with
-        the square of the force.
-    """
-
-    session_gain: float = 0.0
-    throttle_gain: float = 0.0
-    visit_gain: float = 0.0
-    datum_m: float = 0.0
-    rotor_radius: float = 0.0
-    spacing_m: float = 0.0
-    cell_N: float = 0.0
-    range_N: float = 9.8
-
-
-@dataclass(frozen=True, kw_only=True)
-class Errors:
-    """How each trial errs beside its additive noise and its visit's height; by default normally,
-    independently, all alike.
-
-    Attributes
-    ----------
-    tails : float
-        Degrees of freedom of a Student t of unit variance.
-    far, near : float
-        Standard deviation at the farthest, or the nearest, distance over that at the other end,
-        linear in log distance between.
-    sessions : float
-        Standard deviation of the logarithm of a factor on each session's scatter.
-    correlation : float
-        Of a trial's error with that of the trial before.
-    wander, trials : float
-        Rms of a gain that wanders as an Ornstein-Uhlenbeck process over so many trials; as a random
-        walk where `trials` is infinite.
-    outliers : float
-        Share of trials that are off by 5 to 10 standard deviations.
-    bad_visit : float
-        By how many standard deviations all trials of one visit are off together.
-    lost, lost_sessions : float, int
-        Share of trials, and number of sessions, that are missing.
-    rail : float
-        Share of trials with lift beyond what the amplifier can follow: the means of their records
-        are cut short.
-    table : float
-        Scatter of a cell as published, a fraction of lift, in place of the bench's; such a table
-        has no covariates and no order.
-    """
-
-    tails: float = np.inf
-    far: float = 1.0
-    near: float = 1.0
-    sessions: float = 0.0
-    correlation: float = 0.0
-    wander: float = 0.0
-    trials: float = np.inf
-    outliers: float = 0.0
-    bad_visit: float = 0.0
-    lost: float = 0.0
-    lost_sessions: int = 0
-    rail: float = 0.0
-    table: float = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Spec:
-    """What to simulate.
-
-    Attributes
-    ----------
-    effects : tuple of (kind, rho)
-        Names of `forms.NAMED` or `forms.UNNAMED` with their strength; empty for a null.
-    foreign : bool
-        Whether named effects take their foreign form.
-    design : str
-        "from_one" (stations from z_hat = 1, ceiling and sidewall from 0.1), "percent_diameter" or
-        "mm" (readings of Table 1).
-    realism : bool
-        t6 tails and 0.3 % outliers of trials, and an undeclared wander of the gain of 0.03 %.
-    spread : float
-        Coefficients are drawn within +- this fraction of the published ones, so that no prior
-        centred there is helped.
-    sink : float
-        Motor heating: fraction by which lift sinks within a record at the highest throttle, in
-        proportion to load. Alike in every trial of a throttle, so that L_inf absorbs it and only
-        the records show it; rho does not apply.
-    samples : int or None
-        Running samples per record; 260 to 500 if None.
-    every : int
-        Takes every so-manieth station of the design.
-    distances : int or None
-        Takes that many stations instead.
-    shared : Shared
-        Errors that many trials share, on top of `Scatter`.
-    declared : bool
-        Whether the campaign's owner declares `shared.datum_m`, `rotor_radius` and `spacing_m`.
-    errors : Errors or None
-        Simulate trials, not records, with errors of this kind; `realism`, `sink` and the rest of
-        `shared` then do not apply.
-    order, radius_m : str, float
-        As `bench.build` has them. A larger rotor is the same vehicle, larger; lift goes with its
-        area.
-    height_m : float or None
-        Standard deviation of a visit's height, in place of 0.02 to 0.1 mm.
-    experiments : bool
-        As `bench.build` has it: then `forms.EXPERIMENTS` can be told.
-    """
-
-    boundary: str
-    effects: tuple[tuple[str, float], ...] = ()
-    foreign: bool = False
-    design: str = "from_one"
-    realism: bool = True
-    visits: int = 15
-    sessions: int = 6
-    throttles: tuple[float, ...] = THROTTLES
-    spread: float = 0.2
-    sink: float = 0.0
-    samples: int | None = None
-    every: int = 1
-    distances: int | None = None
-    shared: Shared = Shared()
-    declared: bool = False
-    errors: Errors | None = None
-    order: str = "random"
-    radius_m: float = RADIUS
-    height_m: float | None = None
-    experiments: bool = False
+        self.most = most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,38 +92,29 @@ class Truth:
     ----------
     log_lift : array
         Noiseless log lift at nominal distance, every effect included.
-    base_log_lift : array
-        The same without effects.
     contributions : dict
-        What each effect alone adds to log lift.
+        Log lift that each effect alone adds.
     amplitudes, rho, rho_beside : dict
-        Amplitude found; strength reached; strength left once the other effects' directions are
-        absorbed too.
+        Amplitude; strength; strength left once the other effects' directions are absorbed too.
     variance : array
-        Marginal variance of log lift, height jitter included, realism's excess left out.
+        Marginal variance of log lift, height scatter included, `realism` left out.
     """
 
     theta: dict[str, float]
     levels_N: Array
     scatter: Scatter
     log_lift: Array
-    base_log_lift: Array
     contributions: dict[str, Array]
     amplitudes: dict[str, float]
     rho: dict[str, float]
     rho_beside: dict[str, float]
     variance: Array = field(repr=False)
 
-    @property
-    def noise_floor(self) -> float:
-        """Rms relative scatter of a trial that no model can foresee."""
-        return float(np.sqrt(np.mean(self.variance)))
-
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A simulated campaign: what the library is given (`data`), and the truth; `scheduled` trials
-    in all, where it was cut.
+    """A simulated campaign: the library's input (`data`), and the truth; `scheduled` trials in all,
+    where it was cut.
     """
 
     spec: Spec
@@ -276,41 +125,36 @@ class Campaign:
     keep: Array = field(repr=False)
     whitener: Whitener = field(repr=False)
     sensor: Sensor = field(repr=False)
-    records: Array | None = field(default=None, repr=False)
     scheduled: int | None = None
 
     @property
     def parts(self) -> tuple[Component, ...]:
-        """What the campaign's owner declares."""
-        shared, spacing = self.spec.shared, self.spec.radius_m * SPACING / RADIUS
+        """Stated uncertainties."""
+        shared = self.spec.shared
         sizes = {
             "height": shared.datum_m,
             "rotor_radius": shared.rotor_radius,
-            "rotor_spacing": shared.spacing_m / spacing,
+            "rotor_spacing": shared.spacing_m / self.spec.spacing_m,
         }
         moves = {"rotor_spacing": ("spacing_hat", "diagonal_hat", "layout_hat")}
+        fields = {"distribution": "normal", "scope": "boundary"}
         return tuple(
-            Component(
-                name=on,
-                on=on,
-                standard=size,
-                distribution="normal",
-                scope="boundary",
-                moves=moves.get(on, ()),
-            )
+            Component(name=on, on=on, standard=size, moves=moves.get(on, ()), **fields)
             for on, size in sizes.items()
             if size and self.spec.declared
         )
 
     def until(self, n: int) -> Campaign:
-        """As it stood after its first trials."""
-        keep = np.flatnonzero(self.keep)[n:]
-        rows, truth = np.arange(n), self.truth
-        cut = {name: getattr(truth, name)[:n] for name in ("log_lift", "base_log_lift", "variance")}
+        """The campaign after its first n trials."""
+        truth, rows = self.truth, np.arange(n)
+        left = self.keep.copy()
+        left[np.flatnonzero(self.keep)[n:]] = False
         known = replace(
-            truth, **cut, contributions={k: v[:n] for k, v in truth.contributions.items()}
+            truth,
+            log_lift=truth.log_lift[:n],
+            variance=truth.variance[:n],
+            contributions={k: v[:n] for k, v in truth.contributions.items()},
         )
-        left = self.keep & ~np.isin(np.arange(len(self.keep)), keep)
         return replace(
             self,
             data=self.data.take(rows),
@@ -330,6 +174,20 @@ class Campaign:
         """One column per throttle, (n, k)."""
         return np.eye(len(self.truth.levels_N))[self.setting.bench.level[self.keep]]
 
+    def effect(self, piece: tuple[forms.Form, float]) -> Array:
+        """Log lift that an effect of this form and size adds, (n,)."""
+        return (log_lift(self.setting, (piece,)) - log_lift(self.setting, ()))[self.keep]
+
+    @cached_property
+    def absorbed(self) -> Array:
+        """Orthonormal basis of what L_inf and theta absorb, whitened."""
+        return np.linalg.qr(self.whitener(np.hstack([self.indicator, self.jacobian])))[0]
+
+    def left(self, effect: Array) -> Array:
+        """Whitened log lift that L_inf and theta do not absorb."""
+        white = self.whitener(effect)
+        return white - self.absorbed @ (self.absorbed.T @ white)
+
 
 class Whitener:
     """W with W C W' = 1 for C = diag(variance) + a rank-one block per visit (+ `beside`); visits
@@ -341,14 +199,12 @@ class Whitener:
     ) -> None:
         self.given = variance, shared, visit, beside
         if beside is not None:
-            covariance = (
-                np.diag(variance) + (visit[:, None] == visit) * np.outer(shared, shared) + beside
-            )
-            self.factor = cholesky(covariance, lower=True)
+            visits = (visit[:, None] == visit) * np.outer(shared, shared)
+            self.factor = cholesky(np.diag(variance) + visits + beside, lower=True)
             return
         self.sd = np.sqrt(variance)
-        self.first = np.flatnonzero(np.diff(visit, prepend=visit[0] - 1))
-        self.block = np.cumsum(np.diff(visit, prepend=visit[0] - 1) != 0) - 1
+        change = np.diff(visit, prepend=visit[0] - 1) != 0
+        self.first, self.block = np.flatnonzero(change), np.cumsum(change) - 1
         self.q = shared / self.sd
         length = np.add.reduceat(self.q**2, self.first)
         self.shrink = np.where(
@@ -356,14 +212,10 @@ class Whitener:
         )
 
     def of(self, rows: Array) -> Whitener:
-        """That of some of the trials alone, in their order."""
+        """Whitener of some of the trials, in their order."""
         variance, shared, visit, beside = self.given
-        return Whitener(
-            variance[rows],
-            shared[rows],
-            visit[rows],
-            None if beside is None else beside[np.ix_(rows, rows)],
-        )
+        block = None if beside is None else beside[np.ix_(rows, rows)]
+        return Whitener(variance[rows], shared[rows], visit[rows], block)
 
     def __call__(self, x: Array) -> Array:
         """Apply along the first axis."""
@@ -378,61 +230,56 @@ class Whitener:
         what they can.
         """
         q, r = np.linalg.qr(self(absorbed))
-        keep = np.abs(np.diag(r)) > 1e-9 * np.abs(np.diag(r)).max()
-        if not keep.all():
+        diagonal = np.abs(np.diag(r))
+        if diagonal.min() <= 1e-9 * diagonal.max():
             u, s, _ = np.linalg.svd(self(absorbed), full_matrices=False)
             q = u[:, s > 1e-10 * s[0]]
         white = self(e)
         return float(np.sqrt(np.mean((white - q @ (q.T @ white)) ** 2)))
 
 
-def log_lift(
-    setting: forms.Setting,
-    effects: tuple[tuple[forms.Form, float], ...],
-    z_hat: Array | None = None,
-) -> Array:
+def log_lift(setting: forms.Setting, effects: Pieces, z_hat: Array | None = None) -> Array:
     """Noiseless log lift: height effects, the base curve, ratio effects, gains, forces, in that
     order.
     """
     bench = setting.bench
-    z = bench.z_hat if z_hat is None else z_hat
-    at = lambda place: [(f, x) for f, x in effects if f.place == place]  # noqa: E731
-    for f, x in at("height"):
-        z = np.maximum(f.apply(z, setting, x), 0.2 * bench.z_hat)
-    value = setting.curve(z)
-    for f, x in at("ratio"):
-        value = f.apply(value, setting, x)
-    lift = setting.inf_N * value
-    for f, x in at("gain"):
-        lift = lift * np.exp(f.apply(None, setting, x))
-    for f, x in at("force"):
-        lift = f.apply(lift, setting, x)
-    return np.log(np.maximum(lift, 1e-6))
+
+    def acted(value: Array, place: forms.Place) -> Array:
+        for form, x in effects:
+            if form.place == place:
+                value = form.apply(value, bench, setting, x)
+                if place == "height":
+                    value = np.maximum(value, 0.2 * bench.z_hat)
+        return value
+
+    z = acted(bench.z_hat if z_hat is None else z_hat, "height")
+    lift = setting.inf_N * acted(setting.curve(z), "ratio")
+    for form, x in effects:
+        if form.place == "gain":
+            lift = lift * np.exp(form.apply(None, bench, setting, x))
+    return np.log(np.maximum(acted(lift, "force"), 1e-6))
 
 
 def base_jacobian(setting: forms.Setting) -> Array:
     """Central differences of the log base curve, (n, p)."""
-    columns = []
+    bench, columns = setting.bench, []
     for name, value in setting.theta.items():
         step = 1e-4 * abs(value)
         up, down = (
-            forms.ratio(
-                setting.bench.boundary, setting.bench.z_hat, {**setting.theta, name: value + s}
-            )
+            np.log(forms.ratio(bench.boundary, bench.z_hat, {**setting.theta, name: value + s}))
             for s in (step, -step)
         )
-        columns.append((np.log(up) - np.log(down)) / (2 * step))
+        columns.append((up - down) / (2 * step))
     return np.stack(columns, axis=1)
 
 
 def whitener(
-    setting: forms.Setting, scatter: Scatter, spec: Spec | None = None, drawn: Drawn | None = None
+    setting: forms.Setting, scatter: Scatter, spec: Spec, drawn: Drawn | None
 ) -> tuple[Whitener, Array]:
-    """The true whitening of log lift at the base curve, and the marginal variance; what is declared
-    (`spec`) is part of it.
+    """The true whitening of log lift at the base curve, stated uncertainties included, and the
+    marginal variance.
     """
-    bench = setting.bench
-    step = 1e-4
+    bench, step = setting.bench, 1e-4
 
     def per(moved: Callable[[float], Array]) -> Array:
         return (np.log(moved(1 + step)) - np.log(moved(1 - step))) / (2 * step)
@@ -445,22 +292,23 @@ def whitener(
         own = own + scatter.relative**2
         return Whitener(own, shared, bench.visit), own + shared**2
     own, beside = own + drawn.variance, drawn.covariance
-    if spec is not None and spec.declared:
-        given, spacing = spec.shared, spec.radius_m * SPACING / RADIUS
-        curve = lambda f, g: forms.ratio(  # noqa: E731
-            bench.boundary, bench.z_hat / f, setting.theta, forms.D / f * g
-        )
+    if spec.declared:
+        given = spec.shared
+
+        def curve(radius: float, spacing: float) -> Array:
+            z = bench.z_hat / radius
+            return forms.ratio(bench.boundary, z, setting.theta, forms.D / radius * spacing)
+
         columns = np.column_stack(
             [
                 given.datum_m * slope,
                 given.rotor_radius * per(lambda f: curve(f, 1.0)),
-                given.spacing_m / spacing * per(lambda f: curve(1.0, f)),
+                given.spacing_m / spec.spacing_m * per(lambda f: curve(1.0, f)),
             ]
         )
         beside = columns @ columns.T + (0.0 if beside is None else beside)
-    return Whitener(own, shared, bench.visit, beside), own + shared**2 + (
-        0.0 if beside is None else np.diag(beside)
-    )
+    marginal = own + shared**2 + (0.0 if beside is None else np.diag(beside))
+    return Whitener(own, shared, bench.visit, beside), marginal
 
 
 def amplitude(
@@ -474,23 +322,26 @@ def amplitude(
         Its largest physical size is weaker.
     """
     form = forms.form(kind, foreign)
-    base = log_lift(setting, ())
-    absorbed = np.hstack(
-        [np.eye(len(setting.levels_N))[setting.bench.level], base_jacobian(setting)]
-    )
+    base, absorbed = log_lift(setting, ()), _absorbed(setting)
     most = form.most[setting.bench.boundary] * (sign if form.signed else 1.0)
 
     def miss(share: float) -> float:
         return white.strength(log_lift(setting, ((form, share * most),)) - base, absorbed) - rho
 
-    # what pays no heed to sign or size may turn round on the way: take the first crossing
+    # strength need not grow with size: take the first crossing
     share = next((s for s in (0.01, 0.03, 0.1, 0.3, 1.0) if miss(s) > 0), None)
     if share is None:
         raise Unreachable(kind, rho, miss(1.0) + rho)
     return float(brentq(miss, 0.0, share, xtol=1e-7, rtol=1e-5)) * most
 
 
-def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
+def _absorbed(setting: forms.Setting) -> Array:
+    """Columns of L_inf per throttle and of theta, of all trials."""
+    levels = np.eye(len(setting.levels_N))[setting.bench.level]
+    return np.hstack([levels, base_jacobian(setting)])
+
+
+def simulate(spec: Spec, seed: int) -> Campaign:
     """One campaign with its truth.
 
     Raises
@@ -499,33 +350,15 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
         An effect cannot be as strong as asked on this bench.
     """
     rng = stream(seed, "truth", spec.boundary)
-    bench = build(
-        spec.boundary,
-        spec.design,
-        seed,
-        visits=spec.visits,
-        sessions=spec.sessions,
-        throttles=spec.throttles,
-        every=spec.every,
-        distances=spec.distances,
-        order=spec.order,
-        radius_m=spec.radius_m,
-        experiments=spec.experiments,
-    )
-    nominal = forms.COEFFICIENTS[spec.boundary]
+    bench = build(spec, seed)
     theta = {
-        name: value * (1 + spec.spread * rng.uniform(-1, 1)) for name, value in nominal.items()
+        name: value * (1 + spec.spread * rng.uniform(-1, 1))
+        for name, value in forms.COEFFICIENTS[spec.boundary].items()
     }
-    setting = forms.Setting(
-        bench=bench,
-        theta=theta,
-        levels_N=levels_N(rng, spec.throttles) * (spec.radius_m / RADIUS) ** 2,
-    )
-    sizes = {
-        "relative": rng.uniform(0.003, 0.006),
-        "force_N": rng.uniform(0.1e-3, 0.5e-3),
-        "height_m": rng.uniform(0.02e-3, 0.1e-3),
-    }
+    levels = levels_N(rng, spec.throttles) * (spec.radius_m / RADIUS) ** 2
+    setting = forms.Setting(bench=bench, theta=theta, levels_N=levels)
+    relative, force_N = rng.uniform(0.003, 0.006), rng.uniform(0.1e-3, 0.5e-3)
+    height_m = rng.uniform(0.02e-3, 0.1e-3)
     sensor = Sensor(
         samples=spec.samples or int(rng.integers(260, 501)),
         tare=int(rng.integers(100, 161)),
@@ -533,56 +366,51 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
         coloured_N=rng.uniform(0.2e-3, 0.6e-3),
         tone_N=rng.uniform(2e-3, 8e-3),
     )
-    if spec.height_m is not None:
-        sizes["height_m"] = spec.height_m
-    scatter = Scatter(**sizes, record_N=sensor.mean_sd_N)
+    height_m = height_m if spec.height_m is None else spec.height_m
+    record_N = sensor.mean_sd_N
     if spec.errors is not None and spec.errors.table:
-        scatter = replace(scatter, relative=spec.errors.table, force_N=0.0, record_N=0.0)
-    drawn = None if spec.errors is None else draw_errors(spec.errors, scatter.relative, bench, seed)
+        relative, force_N, record_N = spec.errors.table, 0.0, 0.0
+    scatter = Scatter(relative=relative, force_N=force_N, height_m=height_m, record_N=record_N)
+    drawn = None if spec.errors is None else draw_errors(spec.errors, relative, bench, seed)
     white, variance = whitener(setting, scatter, spec, drawn)
 
-    pieces: dict[str, tuple[forms.Form, float]] = {}
-    for kind, rho in spec.effects:
-        sign = stream(seed, "sign", kind).choice([-1.0, 1.0])
-        pieces[kind] = (
-            forms.form(kind, spec.foreign),
-            amplitude(setting, white, kind, spec.foreign, rho, sign),
+    sizes = {
+        kind: amplitude(
+            setting,
+            white,
+            kind,
+            spec.foreign,
+            rho,
+            stream(seed, "sign", kind).choice([-1.0, 1.0]),
         )
-    base, full = log_lift(setting, ()), log_lift(setting, tuple(pieces.values()))
-    full = full + np.log1p(
-        -spec.sink * setting.load * sinking(np.linspace(0, 1, sensor.samples), spec.foreign).mean()
-    )
-    parts = {kind: log_lift(setting, (piece,)) - base for kind, piece in pieces.items()}
-    absorbed = np.hstack([np.eye(len(spec.throttles))[bench.level], base_jacobian(setting)])
-    rho = {kind: white.strength(e, absorbed) for kind, e in parts.items()}
-    beside = {
-        kind: white.strength(
-            e, np.column_stack([absorbed, *(o for k, o in parts.items() if k != kind)])
-        )
-        for kind, e in parts.items()
+        for kind, rho in spec.effects
     }
+    pieces = {kind: (forms.form(kind, spec.foreign), x) for kind, x in sizes.items()}
+    base, full = log_lift(setting, ()), log_lift(setting, tuple(pieces.values()))
+    heat = sinking(np.linspace(0, 1, sensor.samples), spec.foreign).mean()
+    full = full + np.log1p(-spec.sink * setting.load * heat)
+    parts = {kind: log_lift(setting, (piece,)) - base for kind, piece in pieces.items()}
+    absorbed = _absorbed(setting)
 
+    def others(kind: str) -> Array:
+        return np.column_stack([absorbed, *(e for k, e in parts.items() if k != kind)])
+
+    made = setting, scatter, sensor, tuple(pieces.values())
     if drawn is None:
-        records = _records(spec, seed, setting, scatter, sensor, tuple(pieces.values()))
-        data, keep = _reduced(records, bench, sensor, spec.boundary)
+        data, keep = _reduced(records(spec, seed, *made), bench, sensor)
     else:
-        records, keep = None, drawn.keep
-        data = _trials(spec, seed, setting, scatter, sensor, tuple(pieces.values()), drawn)
+        data, keep = _trials(spec, seed, *made, drawn), drawn.keep
     truth = Truth(
         theta=theta,
-        levels_N=setting.levels_N,
+        levels_N=levels,
         scatter=scatter,
         log_lift=full[keep],
-        base_log_lift=base[keep],
         contributions={kind: e[keep] for kind, e in parts.items()},
-        amplitudes={kind: x for kind, (_, x) in pieces.items()},
-        rho=rho,
-        rho_beside=beside,
+        amplitudes=sizes,
+        rho={kind: white.strength(e, absorbed) for kind, e in parts.items()},
+        rho_beside={kind: white.strength(e, others(kind)) for kind, e in parts.items()},
         variance=variance[keep],
     )
-    if not keep.all():
-        white = white.of(np.flatnonzero(keep))
-    kept = records if keep_records else None
     return Campaign(
         spec=spec,
         seed=seed,
@@ -590,50 +418,25 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
         truth=truth,
         setting=setting,
         keep=keep,
-        whitener=white,
+        whitener=white if keep.all() else white.of(np.flatnonzero(keep)),
         sensor=sensor,
-        records=kept,
     )
 
 
 def candidate_columns(campaign: Campaign) -> dict[str, Array]:
-    """Every named effect's own form as a column of log lift, linear in its size; what rival methods
-    choose from.
-
-    They are the truth's own shapes, so rival methods get the benefit of a library without form
-    error. What theta and L_inf absorb altogether is left out.
+    """Every named effect's own form as a column of log lift, linear in its size: the truth's own
+    shapes, without form error. An effect that theta and L_inf absorb altogether is left out.
     """
-    base = log_lift(campaign.setting, ())
+    boundary, columns = campaign.spec.boundary, {}
     absorbed = np.hstack([campaign.indicator, campaign.jacobian])
-    columns = {}
-    for name in forms.names(campaign.spec.boundary):
+    for name in forms.names(boundary):
         form = forms.form(name, foreign=False)
         share = 0.5 if form.place in ("height", "ratio") and not form.signed else 0.05
-        e = (
-            log_lift(campaign.setting, ((form, share * form.most[campaign.spec.boundary]),)) - base
-        )[campaign.keep]
-        if campaign.whitener.strength(e, absorbed) > 1e-3 * np.sqrt(
-            np.mean(campaign.whitener(e) ** 2)
-        ):
+        e = campaign.effect((form, share * form.most[boundary]))
+        noticeable = 1e-3 * np.sqrt(np.mean(campaign.whitener(e) ** 2))
+        if campaign.whitener.strength(e, absorbed) > noticeable:
             columns[name] = e / share
     return columns
-
-
-def repeat(campaign: Campaign, seed: int) -> Campaign:
-    """The same bench, truth and schedule, run again with fresh noise."""
-    spec, pieces = (
-        campaign.spec,
-        tuple(
-            (forms.form(k, campaign.spec.foreign), x) for k, x in campaign.truth.amplitudes.items()
-        ),
-    )
-    records = _records(
-        spec, seed, campaign.setting, campaign.truth.scatter, campaign.sensor, pieces
-    )
-    data, keep = _reduced(records, campaign.setting.bench, campaign.sensor, spec.boundary)
-    if not np.array_equal(keep, campaign.keep):
-        raise RuntimeError("a repeat lost other trials than the campaign it repeats")
-    return replace(campaign, seed=seed, data=data)
 
 
 def sinking(u: Array, foreign: bool) -> Array:
@@ -643,40 +446,35 @@ def sinking(u: Array, foreign: bool) -> Array:
     return np.expm1(-4 * u) / np.expm1(-4.0) if foreign else u
 
 
-def _records(
-    spec: Spec,
-    seed: int,
-    setting: forms.Setting,
-    scatter: Scatter,
-    sensor: Sensor,
-    pieces: tuple[tuple[forms.Form, float], ...],
+def records(
+    spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, sensor: Sensor, pieces: Pieces
 ) -> Array:
-    """Load-cell series of every trial, N, shape (trials, tare + samples): a block per campaign,
-    drawn at once.
-    """
-    rng = stream(seed, "noise", spec.boundary)
+    """Load-cell series of every trial, N, shape (trials, tare + samples)."""
+    rng, shared = stream(seed, "noise", spec.boundary), spec.shared
     bench, n = setting.bench, setting.bench.n
     jitter = rng.normal(0, scatter.height_m, bench.visit[-1] + 1)[bench.visit] / bench.radius_m
-    # what many trials share has generators of its own, so that one error more leaves all other
-    # noise as it was
-    draw = lambda name, size: stream(seed, "shared", name, spec.boundary).standard_normal(size)  # noqa: E731
-    datum = spec.shared.datum_m * draw("datum", 1)[0] / bench.radius_m
+
+    def draw(name: str, size: int = 1) -> Array:
+        # generators of their own, so that one error more leaves all other noise as it is
+        return stream(seed, "shared", name, spec.boundary).standard_normal(size)
+
+    datum = shared.datum_m * draw("datum")[0] / bench.radius_m
     z = np.maximum(bench.z_hat + datum + jitter, 0.3 * bench.z_hat)
     lift = np.exp(log_lift(setting, pieces, z))
     relative = rng.standard_t(6, n) * np.sqrt(4 / 6) if spec.realism else rng.standard_normal(n)
     gain = scatter.relative * relative
     if spec.realism:
         gain = gain + 3e-4 * wander(rng, bench.start_s, 3000.0)
-        strayed = rng.random(n) < 0.003
-        gain = gain + strayed * rng.choice([-1, 1], n) * rng.uniform(4, 10, n) * scatter.relative
+        outlying = rng.random(n) < 0.003
+        gain = gain + outlying * rng.choice([-1, 1], n) * rng.uniform(4, 10, n) * scatter.relative
     lift = lift * (1 + gain) + rng.normal(0, scatter.force_N, n)
-    lift = lift * (
-        1 + spec.shared.session_gain * draw("session", bench.session.max() + 1)[bench.session]
-    )
-    lift = lift * (
-        1 + spec.shared.throttle_gain * draw("throttle", len(spec.throttles))[bench.level]
-    )
-    lift = lift * (1 + spec.shared.visit_gain * draw("visit", bench.visit[-1] + 1)[bench.visit])
+    for name, size, index in (
+        ("session", shared.session_gain, bench.session),
+        ("throttle", shared.throttle_gain, bench.level),
+        ("visit", shared.visit_gain, bench.visit),
+    ):
+        count = len(spec.throttles) if name == "throttle" else index.max() + 1
+        lift = lift * (1 + size * draw(name, count)[index])
 
     length = sensor.tare + sensor.samples
     force = rng.standard_normal((n, length))
@@ -685,47 +483,40 @@ def _records(
     start = kicks[:, :1] / np.sqrt(1 - COLOUR**2)
     coloured, _ = lfilter([1.0], [1.0, -COLOUR], kicks[:, 1:], axis=1, zi=COLOUR * start)
     force[:, 1:] += sensor.coloured_N * np.sqrt(1 - COLOUR**2) * coloured
-    force += rng.normal(0, 4e-3, n)[
-        :, None
-    ]  # where the zero happens to stand; the tare takes it off
+    force += rng.normal(0, 4e-3, n)[:, None]  # any zero; the tare removes it
     live = force[:, sensor.tare :]
     live += lift[:, None]
     if spec.sink:
-        live -= (lift * spec.sink * setting.load)[:, None] * sinking(
-            np.linspace(0, 1, sensor.samples), spec.foreign
-        )
+        heat = sinking(np.linspace(0, 1, sensor.samples), spec.foreign)
+        live -= (lift * spec.sink * setting.load)[:, None] * heat
     turn = 2 * np.pi * bench.speed_rpm / 60 * (1 + rng.normal(0, 0.004, n)) / RATE
     phase = rng.uniform(0, 2 * np.pi, n)
-    # sin(a + kb) by the angle's sum: two tables instead of a million sines
-    steps = np.arange(sensor.samples)
-    live += _tone(turn, phase, steps) * (sensor.tone_N * setting.load)[:, None]
-    if spec.shared.cell_N:
-        force += (
-            spec.shared.cell_N
-            * stream(seed, "shared", "cell", spec.boundary).uniform(-1, 1)
-            * (force / spec.shared.range_N) ** 2
-        )
+    live += _tone(turn, phase, sensor.samples) * (sensor.tone_N * setting.load)[:, None]
+    if shared.cell_N:
+        bend = stream(seed, "shared", "cell", spec.boundary).uniform(-1, 1)
+        force += shared.cell_N * bend * (force / shared.range_N) ** 2
     return np.round(force / COUNT_N) * COUNT_N
 
 
-def _tone(turn: Array, phase: Array, steps: Array) -> Array:
-    """sin(phase + turn k) for every trial and sample, by repeated rotation in blocks of 32."""
+def _tone(turn: Array, phase: Array, samples: int) -> Array:
+    """sin(phase + turn k) for every trial and sample: two tables instead of a million sines."""
     block = 32
     fine = np.exp(1j * turn[:, None] * np.arange(block))
-    coarse = np.exp(1j * (phase[:, None] + turn[:, None] * np.arange(0, len(steps), block)))
+    coarse = np.exp(1j * (phase[:, None] + turn[:, None] * np.arange(0, samples, block)))
     full = coarse[:, :, None] * fine[:, None, :]
-    return full.imag.reshape(len(turn), -1)[:, : len(steps)]
+    return full.imag.reshape(len(turn), -1)[:, :samples]
 
 
-def _reduced(
-    records: Array, bench: Bench, sensor: Sensor, boundary: str
-) -> tuple[Observations, Array]:
-    """What ingest would make of the records: accepted trials of one boundary."""
+def _reduced(records: Array, bench: Bench, sensor: Sensor) -> tuple[Observations, Array]:
+    """Accepted trials, as ingest would make them of the records, and which these are."""
     conditions = Conditions(rate_Hz=RATE, tare_s=sensor.tare / RATE, range_N=9.8)
     rows = [reduce_record(r, conditions) for r in records]
     keep = ~rejected(np.array([" ".join(r.codes) for r in rows], dtype=object))
     good = [r for r, k in zip(rows, keep, strict=True) if k]
-    column = lambda name: np.array([getattr(r, name) for r in good], dtype=float)  # noqa: E731
+
+    def column(name: str) -> Array:
+        return np.array([getattr(r, name) for r in good], dtype=float)
+
     data = _observed(bench, keep, column("lift_N"), column("u_lift_N"), column("n_eff"))
     within = {"drift_N_s": column("drift_N_s"), "record_s": column("n") / RATE}
     return replace(data, covariates={**data.covariates, **within}), keep
@@ -735,7 +526,8 @@ def _observed(
     bench: Bench, keep: Array, lift_N: Array, u_lift_N: Array, n_eff: Array
 ) -> Observations:
     """Trials as the library takes them; arrays are of those kept."""
-    half = 0.5 * SPACING / RADIUS
+    half = 0.5 * forms.D
+    logged = {"start_s": bench.start_s, "approach": bench.approach, **bench.reading}
     return Observations(
         boundary=bench.boundary,
         trial=np.array([f"t{i:04d}" for i in np.flatnonzero(keep)], dtype=object),
@@ -748,25 +540,18 @@ def _observed(
         session=np.unique(bench.session[keep], return_inverse=True)[1].astype(np.int64),
         radius_m=bench.radius_m,
         geometry={
-            "spacing_hat": SPACING / RADIUS,
-            "diagonal_hat": np.sqrt(2) * SPACING / RADIUS,
+            "spacing_hat": forms.D,
+            "diagonal_hat": forms.B,
             "layout_hat": np.array([[half, half], [-half, half], [-half, -half], [half, -half]]),
         },
-        covariates={
-            "start_s": bench.start_s[keep],
-            "approach": bench.approach[keep],
-            **{name: values[keep] for name, values in bench.reading.items()},
-        },
+        covariates={name: values[keep] for name, values in logged.items()},
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """`Errors` as they came out: each trial's error as a fraction of lift, which trials there are,
-    the covariance that a sage would use.
-
-    The sage knows which visit was bad and how each session scattered; of tails and outliers he
-    knows nothing.
+    """`Errors` as drawn: each trial's error as a fraction of lift, which trials are kept, and the
+    true covariance, which knows the bad visit and each session's scatter but no outlier or tail.
     """
 
     error: Array
@@ -776,56 +561,47 @@ class Drawn:
 
 
 def draw_errors(errors: Errors, sd: float, bench: Bench, seed: int) -> Drawn:
-    """Draw what `Errors` declares; `sd` is the scatter of a trial, a fraction of lift."""
-    rng = stream(seed, "errors", bench.boundary)
-    n = bench.n
-    log_z = np.log(bench.z_hat)
+    """Draw errors of trials; `sd` is the scatter of a trial, a fraction of lift."""
+    rng, n = stream(seed, "errors", bench.boundary), bench.n
+    log_z, trial = np.log(bench.z_hat), np.arange(n)
     far = (log_z - log_z.min()) / np.ptp(log_z)
     size = sd * (1 + (errors.far - 1) * far) * (1 + (errors.near - 1) * (1 - far))
-    size = (
-        size * np.exp(errors.sessions * rng.standard_normal(bench.session.max() + 1))[bench.session]
-    )
-    own = (
-        rng.standard_normal(n)
-        if np.isinf(errors.tails)
-        else rng.standard_t(errors.tails, n) * np.sqrt(1 - 2 / errors.tails)
-    )
-    variance, covariance = size**2, None
-    trial = np.arange(n)
+    by_session = errors.sessions * rng.standard_normal(bench.session.max() + 1)
+    size = size * np.exp(by_session)[bench.session]
+    if np.isinf(errors.tails):
+        own = rng.standard_normal(n)
+    else:
+        own = rng.standard_t(errors.tails, n) * np.sqrt(1 - 2 / errors.tails)
+    variance, covariances = size**2, []
+    apart = np.abs(trial[:, None] - trial)
     if errors.correlation:
         kicks = np.r_[rng.standard_normal(400), own]
         own = lfilter([np.sqrt(1 - errors.correlation**2)], [1.0, -errors.correlation], kicks)[-n:]
-        variance, covariance = (
-            np.zeros(n),
-            np.outer(size, size) * errors.correlation ** np.abs(trial[:, None] - trial),
-        )
+        variance = np.zeros(n)
+        covariances.append(np.outer(size, size) * errors.correlation**apart)
     error = size * own
-    strayed = rng.random(n) < errors.outliers
-    error = error + strayed * rng.choice([-1, 1], n) * rng.uniform(5, 10, n) * size
-    if errors.wander:
-        if np.isinf(errors.trials):
-            # a walk of n steps strays from its own mean by sqrt(n / 6) steps rms
-            step = errors.wander * np.sqrt(6 / n)
-            path, path_covariance = (
-                step * np.cumsum(rng.standard_normal(n)),
-                step**2 * (1.0 + np.minimum(trial[:, None], trial)),
-            )
-        else:
-            path = errors.wander * wander(rng, trial.astype(float), errors.trials)
-            path_covariance = errors.wander**2 * np.exp(
-                -np.abs(trial[:, None] - trial) / errors.trials
-            )
-        error = error + path
-        covariance = path_covariance + (0.0 if covariance is None else covariance)
+    outlying = rng.random(n) < errors.outliers
+    error = error + outlying * rng.choice([-1, 1], n) * rng.uniform(5, 10, n) * size
+    if errors.wander and np.isinf(errors.trials):
+        # a walk of n steps deviates from its own mean by sqrt(n / 6) steps rms
+        step = errors.wander * np.sqrt(6 / n)
+        error = error + step * np.cumsum(rng.standard_normal(n))
+        covariances.append(step**2 * (1.0 + np.minimum(trial[:, None], trial)))
+    elif errors.wander:
+        error = error + errors.wander * wander(rng, trial.astype(float), errors.trials)
+        covariances.append(errors.wander**2 * np.exp(-apart / errors.trials))
     if errors.bad_visit:
         bad = (bench.visit == rng.integers(bench.visit[-1] + 1)) * errors.bad_visit * sd
         error = error + bad * rng.choice([-1, 1])
-        covariance = np.outer(bad, bad) + (0.0 if covariance is None else covariance)
+        covariances.append(np.outer(bad, bad))
     keep = rng.random(n) >= errors.lost
-    keep &= ~np.isin(
-        bench.session, rng.permutation(bench.session.max() + 1)[: errors.lost_sessions]
+    lost = rng.permutation(bench.session.max() + 1)[: errors.lost_sessions]
+    return Drawn(
+        error=error,
+        keep=keep & ~np.isin(bench.session, lost),
+        variance=variance,
+        covariance=sum(covariances) if covariances else None,
     )
-    return Drawn(error=error, keep=keep, variance=variance, covariance=covariance)
 
 
 def _trials(
@@ -834,53 +610,33 @@ def _trials(
     setting: forms.Setting,
     scatter: Scatter,
     sensor: Sensor,
-    pieces: tuple[tuple[forms.Form, float], ...],
+    pieces: Pieces,
     drawn: Drawn,
 ) -> Observations:
     """Trials without records: the curve at the true height and geometry, errors as drawn, and the
-    geometry that the owner believes in.
+    geometry of the manifest.
     """
-    assert spec.errors is not None
-    rng, bench, shared, errors = (
-        stream(seed, "trials", spec.boundary),
-        setting.bench,
-        spec.shared,
-        spec.errors,
-    )
-    height = (
-        rng.normal(0, scatter.height_m, bench.visit[-1] + 1)[bench.visit]
-        + shared.datum_m * rng.standard_normal()
-    )
-    lift = np.exp(
-        log_lift(
-            setting, pieces, np.maximum(bench.z_hat + height / bench.radius_m, 0.3 * bench.z_hat)
-        )
-    )
-    sample_sd = sensor.tone_N / np.sqrt(2)
+    rng, bench, shared = stream(seed, "trials", spec.boundary), setting.bench, spec.shared
+    errors, keep = spec.errors or Errors(), drawn.keep
+    height = rng.normal(0, scatter.height_m, bench.visit[-1] + 1)[bench.visit]
+    height = height + shared.datum_m * rng.standard_normal()
+    z = np.maximum(bench.z_hat + height / bench.radius_m, 0.3 * bench.z_hat)
+    lift = np.exp(log_lift(setting, pieces, z))
     if errors.rail:
         # the mean of min(x, rail) for normal x
-        beyond = (np.quantile(lift, 1 - errors.rail) - lift) / sample_sd
-        lift = lift - sample_sd * (norm.pdf(beyond) - beyond * norm.sf(beyond))
-    lift = (
-        lift * (1 + drawn.error)
-        + rng.normal(0, scatter.force_N, bench.n)
-        + rng.normal(0, scatter.record_N, bench.n)
-    )
-    keep = drawn.keep
-    u = np.full(bench.n, scatter.record_N) if scatter.record_N else scatter.relative * lift
-    data = _observed(
-        bench,
-        keep,
-        lift[keep],
-        u[keep],
-        np.full(int(keep.sum()), sensor.samples / 5 if scatter.record_N else 1.0),
-    )
+        sd = sensor.tone_N / np.sqrt(2)
+        beyond = (np.quantile(lift, 1 - errors.rail) - lift) / sd
+        lift = lift - sd * (norm.pdf(beyond) - beyond * norm.sf(beyond))
+    lift = lift * (1 + drawn.error) + rng.normal(0, scatter.force_N, bench.n)
+    lift = (lift + rng.normal(0, scatter.record_N, bench.n))[keep]
+    u, n_eff = np.full(len(lift), scatter.record_N), sensor.samples / 5
+    if errors.table:
+        u, n_eff = scatter.relative * lift, 1.0
+    data = _observed(bench, keep, lift, u, np.full(len(lift), n_eff))
     if errors.table:
         data = replace(data, covariates={}, session=np.zeros(data.n, dtype=np.int64), ordered=False)
-    radius, spacing = (
-        1 + size * rng.standard_normal()
-        for size in (shared.rotor_radius, shared.spacing_m / (spec.radius_m * SPACING / RADIUS))
-    )
+    radius = 1 + shared.rotor_radius * rng.standard_normal()
+    spacing = 1 + shared.spacing_m / spec.spacing_m * rng.standard_normal()
     believed = {name: value / radius * spacing for name, value in data.geometry.items()}
     return replace(
         data, radius_m=data.radius_m * radius, z_hat=data.z_hat / radius, geometry=believed

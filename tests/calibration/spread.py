@@ -1,21 +1,24 @@
-"""Where simulated campaigns run: every run of this folder takes ``--executor`` and goes through the
-package's own executors.
+"""Simulated campaigns on the package's executors: every program of this folder takes ``--executor``.
 
-A campaign is a pure function of its seed, and rows are put in order when all have come, so that
-neither the executor, nor the number of workers, nor the death of one changes a figure. The workers
-of a cluster need this repository: start them in its root, with ``pipeline`` and the root itself on
-PYTHONPATH.
+A campaign is a pure function of its seed, so rows depend neither on the executor nor on the number
+of workers. The workers of a cluster need this repository: start them in its root, with ``pipeline``
+and the root itself on PYTHONPATH.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-from collections.abc import Iterator
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, as_completed, wait
+from typing import TypeVar
 
 from nearlift.blas import default_to_one_thread
 from nearlift.run.workers import open_executor
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+IN_FLIGHT = 64
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
@@ -33,3 +36,17 @@ def opened(text: str) -> Iterator[Executor]:
     default_to_one_thread()
     with open_executor(text) as executor:
         yield executor
+
+
+def unordered(
+    executor: Executor, task: Callable[[Task], Result], specs: Iterable[Task]
+) -> Iterator[Result]:
+    """Results of `task` over `specs` as they end, so that a run of hours can keep each."""
+    waiting: set[Future[Result]] = set()
+    for spec in specs:
+        waiting.add(executor.submit(task, spec))
+        done, waiting = wait(
+            waiting, 0 if len(waiting) < IN_FLIGHT else None, return_when=FIRST_COMPLETED
+        )
+        yield from (future.result() for future in done)
+    yield from (future.result() for future in as_completed(waiting))

@@ -14,7 +14,7 @@ from functools import partial
 import pytest
 from scipy.stats import binomtest
 from tests.calibration.assess import engine
-from tests.calibration.figures import markdown
+from tests.calibration.figures import figures, markdown
 from tests.calibration.harness import score
 from tests.calibration.kinds import KINDS, REPORTED
 
@@ -42,35 +42,25 @@ PROMISED = {
 
 @pytest.mark.parametrize("kind", PROMISED)
 def test_promises_hold(executor, kind):
-    scored = score(executor, kind, N, REPORTED)
-    found = {f["key"]: f for f in scored["figures"]}
-    print(markdown(scored["rows"]))
-    assert found["failed"]["k"] == 0, [r["failed"] for r in scored["rows"] if r["failed"]]
-    assert {*PROMISED[kind], "time"} <= found.keys()
-    broken = [
-        f"{f['title']}: {f['value']:.3g} ({f['lo95']:.3g} to {f['hi95']:.3g}, n = {f['n']})"
-        for f in found.values()
-        if f["passed"] is False
-    ]
-    assert not broken, "\n".join(broken)
+    rows = score(executor, kind, N)
+    print(markdown(rows))
+    made = figures(rows)
+    assert made.loc["failed", "k"] == 0, [r["failed"] for r in rows if r["failed"]]
+    assert {*PROMISED[kind], "time"} <= {*made.index}
+    broken = made[made["passed"].eq(False)]
+    assert broken.empty, broken[["title", "value", "lo95", "hi95", "n"]].to_string()
 
 
 def test_heating_is_found_in_records(executor):
-    found = {f["key"]: f for f in score(executor, "within", max(N // 3, 12), REPORTED)["figures"]}
-    assert found["within_seen"]["hi95"] >= 0.8
+    made = figures(score(executor, "within", max(N // 3, 12)))
+    assert made.loc["within_seen", "hi95"] >= 0.8
 
 
 def test_without_the_correction_for_many_candidates_nulls_are_accused(executor):
-    """A referee that passes a broken engine is worth nothing."""
-    scored = score(
-        executor,
-        "null",
-        max(N // 3, 30),
-        REPORTED,
-        partial(engine, multiplicity=False, confirm=False),
-    )
-    null = next(f for f in scored["figures"] if f["key"] == "null")
-    assert null["passed"] is False, null
+    """The test must notice a broken engine."""
+    broken = partial(engine, multiplicity=False, confirm=False)
+    made = figures(score(executor, "null", max(N // 3, 30), diagnose=broken))
+    assert made.loc["null", "passed"] is False
 
 
 def test_without_form_uncertainty_strange_forms_are_missed(executor):
@@ -79,7 +69,7 @@ def test_without_form_uncertainty_strange_forms_are_missed(executor):
     """
     seeds = [s for s in range(REPORTED, REPORTED + 9 * N) if s // 3 % 3 == 2][:N]
     granted, denied = (
-        score(executor, "one", len(seeds), seeds, d)["rows"]
+        score(executor, "one", len(seeds), seeds, d)
         for d in (partial(engine, confirm=False), partial(engine, confirm=False, form_sd=0.0))
     )
     assert all(r["foreign"] for r in granted)

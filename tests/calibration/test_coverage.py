@@ -35,7 +35,7 @@ def test_a_few_campaigns_under_shared_errors(executor):
 @pytest.mark.parametrize("boundary", forms.BOUNDARIES)
 def test_a_gain_per_throttle_moves_no_coefficient(boundary):
     with_gain, without = (
-        simulate(coverage.stated_spec(boundary, 0.2, throttle=present), 5).data
+        simulate(coverage.spec(boundary, "0.2 mm", throttle=present), 5).data
         for present in (True, False)
     )
     assert np.abs(np.log(with_gain.lift_N / without.lift_N)).max() > 1e-3
@@ -50,7 +50,7 @@ def test_a_gain_per_throttle_moves_no_coefficient(boundary):
 
 
 def test_what_is_injected_is_what_is_stated():
-    spec = coverage.stated_spec("ground", 0.5)
+    spec = coverage.spec("ground", "0.5 mm")
     stated = {c.name: c for c in coverage.components(0.5)}
     assert stated["boundary height"].standard == pytest.approx(spec.shared.datum_m)
     assert stated["session gain"].standard == pytest.approx(spec.shared.session_gain)

@@ -1,5 +1,4 @@
-"""Does a plan foretell its campaign? Chances of `nearlift design` beside what the loop makes of
-simulated campaigns of that plan.
+"""Predictions of `nearlift design` against the loop's answers to simulated campaigns of that plan.
 
 ``python -m tests.calibration.test_power --n N --effects EFFECT,EFFECT`` prints the rows of
 docs/stages/design.md for N campaigns each.
@@ -9,6 +8,7 @@ import argparse
 import dataclasses
 import functools
 import json
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -95,8 +95,8 @@ class Bench:
         size_parameter = size_parameters(catalogue.effect(name))[0]
         size = factor * self.design.limit(size_parameter)
         contest = self.design.contest(size_parameter, size)
-        got = dict.fromkeys(("seen", "within", "alone"), 0)
-        rivals: dict[str, int] = {}
+        got = Counter(seen=0, within=0, alone=0)
+        rivals: Counter[str] = Counter()
         for found in ordered(
             executor, said, [(name, size, seed, confirm) for seed in range(count)]
         ):
@@ -105,20 +105,17 @@ class Bench:
             got["seen"] += found["verdict"] != "adequate"
             got["within"] += name in named | others
             got["alone"] += named == {name} and not others
-            for rival in (named | others) - {name}:
-                rivals[rival] = rivals.get(rival, 0) + 1
+            rivals.update((named | others) - {name})
         return {
             "effect": name,
             "unit": size_parameter.parameter.unit,
             "factor": factor,
             "size": size,
             "n": count,
-            "foretold": {k: getattr(contest, k) for k in got},
+            "predicted": {k: getattr(contest, k) for k in got},
             "counted": got,
-            "rivals_foretold": {
-                k: v for k, v in sorted(contest.rivals.items(), key=lambda i: -i[1]) if v > 0.1
-            },
-            "rivals_counted": dict(sorted(rivals.items(), key=lambda i: -i[1])),
+            "rivals_predicted": dict(Counter(contest.rivals).most_common()),
+            "rivals_counted": dict(rivals.most_common()),
         }
 
 
@@ -138,28 +135,28 @@ def said(job):
 @pytest.mark.calibration
 @pytest.mark.parametrize("name", EFFECTS)
 @pytest.mark.parametrize("factor", SIZES)
-def test_the_chance_to_see_is_as_foretold(executor, name, factor):
+def test_the_chance_to_see_is_as_predicted(executor, name, factor):
     """60 campaigns: the forecast within the 99.5 % interval, widened by 5 % since each campaign has
-    to estimate its noise floor anew.
+    to estimate its noise floor.
     """
     found = bench().row(executor, name, factor, 60, confirm=False)
     low, high = clopper_pearson(found["counted"]["seen"], found["n"], 0.995)
-    assert low - 0.05 <= found["foretold"]["seen"] <= high + 0.05
+    assert low - 0.05 <= found["predicted"]["seen"] <= high + 0.05
 
 
 @pytest.mark.calibration
-def test_foretold_rivals_are_the_ones_that_come(executor):
-    """At 1.6 limits: whoever is foretold in half the campaigns or more comes in a fifth or more,
-    and nobody else in half.
+def test_predicted_rivals_are_the_ones_that_come(executor):
+    """At 1.6 limits: an effect predicted in half the campaigns or more comes in a fifth or more,
+    and no other in half.
     """
     for name in EFFECTS:
         found = bench().row(executor, name, 1.6, 60, confirm=False)
-        for rival, chance in found["rivals_foretold"].items():
+        for rival, chance in found["rivals_predicted"].items():
             if chance > 0.5:
                 assert found["rivals_counted"].get(rival, 0) > 12, (name, rival)
         for rival, count in found["rivals_counted"].items():
             if count > 30:
-                assert found["rivals_foretold"].get(rival, 0.0) > 0.2, (name, rival)
+                assert found["rivals_predicted"].get(rival, 0.0) > 0.2, (name, rival)
 
 
 def main():

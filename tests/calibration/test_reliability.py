@@ -1,7 +1,7 @@
 """The joint test passes calibrated probabilities and fails overconfident ones."""
 
 import numpy as np
-from tests.calibration.reliability import drawn, reliability
+from tests.calibration.reliability import drawn, reliability, stacked
 
 
 def campaigns(n, sharpened):
@@ -26,7 +26,8 @@ def test_the_joint_test_knows_calibrated_from_overconfident():
 
 def test_at_most_one_explanation_of_a_campaign_is_drawn():
     rows = campaigns(50, 1.0)
-    truth = drawn(rows, np.random.default_rng(0)).reshape(50, 4)
+    probability, _, campaign = stacked(rows)
+    truth = drawn(probability, campaign, np.random.default_rng(0)).reshape(50, 4)
     assert np.array_equal(truth.sum(axis=1), np.ones(50))
     assert not truth[:, 0].any()
 
