@@ -71,6 +71,7 @@ def test_where_the_slope_suffices_both_ways_agree():
         assert about.levels[throttle].u == pytest.approx(level.u, rel=0.02)
 
 
+@pytest.mark.nightly
 def test_the_interval_covers_where_the_slope_at_the_recorded_distance_does_not():
     """A datum of 0.5 mm under a ceiling at 2.3 mm: 60 campaigns. Of true 90 % intervals fewer than
     46 cover once in 2000.

@@ -107,6 +107,7 @@ def test_an_input_widens_u_by_what_it_moves():
     assert line.covariance[0, 0] > 0
 
 
+@pytest.mark.nightly
 def test_intervals_cover_when_the_radius_is_wrong_and_declared():
     """100 campaigns whose radius is off by 1 %, drawn: 90 % cover with the declaration, few
     without.

@@ -28,6 +28,7 @@ def drawn(
 @pytest.mark.parametrize(
     ("n", "spread", "shared"), [(4, 0.0, 0.0), (6, 0.15, 0.0), (12, 0.3, 0.1), (5, 0.05, 0.2)]
 )
+@pytest.mark.nightly
 def test_the_interval_of_the_mean_covers(n, spread, shared):
     """Of 300, 90 % should cover; fewer than 84 % happen by chance once in 800. Few campaigns may
     only err on the wide side.

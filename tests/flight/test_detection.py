@@ -37,6 +37,7 @@ def test_a_sharp_reading_is_turned_round():
     assert found.hi90 - found.lo90 == pytest.approx(2 * 1.645 * 5e-4 / abs(slope), rel=0.15)
 
 
+@pytest.mark.nightly
 def test_intervals_hold_the_height_as_often_as_they_say():
     """Heights from the prior, models from their uncertainty, readings with noise: 90 % intervals of
     300; binomial sd 1.7 %.

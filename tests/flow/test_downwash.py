@@ -144,6 +144,7 @@ def coverage(reps: int, n: int) -> tuple[float, float]:
     return noise / reps, less / reps
 
 
+@pytest.mark.nightly
 def test_its_interval_covers():
     """40 repetitions of a nominal 0.90: 3.3 binomial sd, which cry wolf once in 2000 runs, are
     0.157; position errors only widen.

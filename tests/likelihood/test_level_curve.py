@@ -100,6 +100,7 @@ def test_a_power_law_of_two_throttles_is_two_levels() -> None:
     np.testing.assert_allclose(curve.theta, free.theta, rtol=1e-7)
 
 
+@pytest.mark.nightly
 def test_the_loop_says_the_same_of_both() -> None:
     def gain(known: dict[str, np.ndarray]) -> np.ndarray:
         return (known["supply_V"] / 3.8) ** 1.5

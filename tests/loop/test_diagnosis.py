@@ -386,6 +386,7 @@ def sweeps(seed, *, gain=None, spread=0.03, supply_falls=False):
     )
 
 
+@pytest.mark.nightly
 def test_a_gain_of_each_visit_is_never_named():
     # fitted, a gain per session explains all; a visit left out it cannot predict
     found = findings(sweeps(21), GROUND)
@@ -472,6 +473,7 @@ def test_leaving_out_every_visit_at_once_is_leaving_out_each(names):
     assert np.isnan(left).sum() > 5
 
 
+@pytest.mark.nightly
 def test_few_visits_that_only_repeat_badly_are_given_no_name():
     # eight campaigns, each named wrongly with a chance below 10 %: three or more would happen once
     # in thirty

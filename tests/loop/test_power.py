@@ -69,6 +69,7 @@ def test_a_limit_is_where_the_chance_is_eighty_per_cent(design):
     ) / limit == pytest.approx(0.5, abs=0.13)
 
 
+@pytest.mark.nightly
 def test_the_foretold_chance_is_that_of_drawn_trials(design):
     """24 campaigns at the limit, seen in 80 %: 11 or fewer by chance once in a thousand, all of
     them once in two hundred.

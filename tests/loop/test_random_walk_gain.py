@@ -38,6 +38,7 @@ def answer(data):
     return search.search_to_convergence(set_up(data, GROUND, (), Options())[0])
 
 
+@pytest.mark.nightly
 def test_a_walk_of_the_gain_gets_no_name_and_a_drift_does():
     walks = [answer(campaign(s, visits=8, gain=walk(s, 3e-3))) for s in SEEDS]
     assert sum(a.first.present for a in walks) >= 2

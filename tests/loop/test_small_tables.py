@@ -92,6 +92,7 @@ def test_rotor_speed_is_named_with_the_exponent_of_theory(boundary):
     assert "rotor_speed" not in {row["effect"] for row in found["sensitivity"]["limits"]}
 
 
+@pytest.mark.nightly
 def test_an_exponent_that_no_physics_has_is_refused_and_the_refusal_says_why():
     data = with_speed(table("ground"), 7.5)
     found = diagnose(data, BASES["ground"], (), Options()).findings.content

@@ -362,7 +362,7 @@ def test_where_a_shortlist_would_name_another_everything_is_tried(sagging, monke
     assert given == [shortlist, shortlist, None]
 
 
-@pytest.mark.parametrize("gone", ["supply", "session"])
+@pytest.mark.parametrize("gone", ["supply", pytest.param("session", marks=pytest.mark.nightly)])
 def test_without_what_spoke_for_it_nothing_is_left_of_an_effect(gone):
     """An effect of one visit alone; without that visit all is as if it had never been measured."""
     data = campaign(7, visits=2)

@@ -58,6 +58,7 @@ def test_a_table_says_what_it_could_have_shown(diagnosed):
     assert made.sensitivity.trials == 20
 
 
+@pytest.mark.nightly
 def test_exponents_of_rotor_speed_are_those_by_hand(diagnosed):
     ceiling, ground = (
         rotor_speed(diagnosed(f"jirs2024-{b}-12-inch")) for b in ("ceiling", "ground")

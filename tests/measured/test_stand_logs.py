@@ -84,6 +84,7 @@ def column_times(text: str, column: int, factor: float) -> str:
         ("pitt-ras-iarc7-thrust/v2_static/apc_12_6.txt", 0, RAMP),
     ],
 )
+@pytest.mark.nightly
 def test_the_coefficient_comes_back(log: str, thrust: int, manifest: str, tmp_path: Path) -> None:
     root, path = tmp_path / "raw", DATA / log
     (root / "runs").mkdir(parents=True)

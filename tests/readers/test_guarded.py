@@ -139,7 +139,7 @@ time.sleep(600)
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc who lives")
-@pytest.mark.parametrize("busy", ["asleep", "computing"])
+@pytest.mark.parametrize("busy", [pytest.param("asleep", marks=pytest.mark.nightly), "computing"])
 def test_the_process_ends_with_its_parent_within_a_call_into_c(busy: str) -> None:
     with subprocess.Popen([sys.executable, "-c", PARENT, busy], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
@@ -220,10 +220,10 @@ print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 @pytest.mark.parametrize(
     ("name", "write"),
     [
-        ("bomb.h5", hdf5_bomb),
+        pytest.param("bomb.h5", hdf5_bomb, marks=pytest.mark.nightly),
         ("bomb.parquet", parquet_bomb),
-        ("bomb.mat", mat_bomb),
-        ("bomb.csv.gz", gzip_bomb),
+        pytest.param("bomb.mat", mat_bomb, marks=pytest.mark.nightly),
+        pytest.param("bomb.csv.gz", gzip_bomb, marks=pytest.mark.nightly),
         ("rows.csv.gz", rows_bomb),
     ],
 )

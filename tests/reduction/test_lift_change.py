@@ -126,6 +126,7 @@ def test_cells_of_one_throttle_share_L_inf_and_others_nothing():
 
 
 @pytest.mark.parametrize("height", [0.0, 0.1])
+@pytest.mark.nightly
 def test_the_covariance_is_that_of_campaigns_simulated_again_and_again(height):
     """Sample covariance of Delta L over N campaigns against the mean of what each says of itself.
 

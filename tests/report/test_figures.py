@@ -133,6 +133,7 @@ print(*(hashlib.sha256(made[kind]).hexdigest() for kind in ("pdf", "png")))
 """
 
 
+@pytest.mark.nightly
 def test_every_process_draws_the_same_bytes(small_job, tmp_path):
     """The layout's solver orders its equations by a set, whose order depends on the hash seed."""
     residuals.table(gather(small_job)).to_parquet(tmp_path / "table.parquet")

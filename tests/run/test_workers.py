@@ -217,6 +217,7 @@ def test_a_cluster_takes_whole_campaigns(cluster, tmp_path):
 @pytest.mark.parametrize(
     ("which", "what"), [(1, "the dask scheduler at .* died"), (2, "has had no worker for 2 s")]
 )
+@pytest.mark.nightly
 def test_a_cluster_that_dies_ends_the_command(cluster, tmp_path, monkeypatch, which, what):
     monkeypatch.setattr(campaigns, "WITHOUT_WORKERS_S", 2.0)
     threading.Timer(3, cluster[which].kill).start()

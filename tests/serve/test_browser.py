@@ -72,6 +72,7 @@ def test_a_new_state_is_shown_without_a_connection_that_stays_open(opened):
     assert page.errors == []
 
 
+@pytest.mark.nightly
 def test_six_tabs_leave_room_for_a_seventh(opened):
     page, address, _ = opened
     page.open(f"{address}/campaign/small")

@@ -52,6 +52,7 @@ def program(code: str, *arguments: object, **environment: str) -> str:
 @pytest.mark.parametrize(
     ("environment", "threads"), [({}, "1\n3"), ({"OMP_NUM_THREADS": "1"}, "3\n3")]
 )
+@pytest.mark.nightly
 def test_a_stage_has_one_thread_unless_the_environment_says_otherwise(
     tmp_path, environment, threads
 ):

@@ -13,8 +13,8 @@ from .blocks import Block, Runner, blocks, pages
 
 #: The programs of export.md are compiled and run by test_export_page.
 WITH_BLOCKS = [page for page in pages() if blocks(page) and page.name != "export.md"]
-#: Pages whose blocks diagnose several campaigns.
-SLOW = {"closing-the-loop"}
+#: Pages whose blocks run on every change; all others by `make nightly`.
+OFTEN = {"README", "tutorial", "python"}
 
 
 @pytest.fixture(scope="session")
@@ -42,7 +42,7 @@ def workspace(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, id=page.stem, marks=[pytest.mark.nightly] * (page.stem in SLOW))
+        pytest.param(page, id=page.stem, marks=[pytest.mark.nightly] * (page.stem not in OFTEN))
         for page in WITH_BLOCKS
     ],
 )

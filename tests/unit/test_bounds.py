@@ -75,7 +75,7 @@ def answer(where, how, pattern):
     heads = [head for head in HEADS if len(head) < 6 or head[:5] in pattern]
     pattern = re.compile(pattern)
     for piece in [*PIECES, *heads[1:]]:
-        body = piece * (100_000 // len(piece)) + "\0!"
+        body = piece * (50_000 // len(piece)) + "\0!"
         for head in heads:
             faulthandler.dump_traceback_later(15, exit=True)
             if how in ("match", "fullmatch"):

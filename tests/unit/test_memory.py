@@ -67,6 +67,7 @@ def peak(work, data):
 @pytest.mark.parametrize(
     "place", [lambda data: data, scattered], ids=["stations", "scattered heights"]
 )
+@pytest.mark.nightly
 def test_four_times_the_trials_take_no_more_than_five_times_the_memory(work, place):
     few, many = (place(campaign(2, visits=visits)) for visits in (15, 15 * SEVERAL))
     # what is imported, compiled or tabulated once belongs to neither

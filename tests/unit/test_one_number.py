@@ -27,7 +27,13 @@ from . import small_run, verdicts
 SAID = re.compile(r"(?<![\w/])K_?b\$?\s*[=≈]\s*(?:\\num\{)?([−-]?\d+(?:\.\d+)?)")
 
 
-@pytest.fixture(scope="module", params=verdicts.MADE)
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=[pytest.mark.nightly] * (name in ("adequate", "unexplained")))
+        for name in verdicts.MADE
+    ],
+)
 def job(request, make_job):
     made = make_job(("ground",), diagnosed=True, **verdicts.MADE[request.param])
     with pytest.MonkeyPatch.context() as patch:

@@ -183,6 +183,7 @@ def test_every_proposed_command_is_tried_here():
     ("command", "state"), [(c, s) for c, states in STATES.items() for s in states]
 )
 @pytest.mark.usefixtures("plain_pictures")
+@pytest.mark.nightly
 def test_a_remedy_works_where_it_is_proposed(tmp_path, command, state):
     words, stands = state(tmp_path)
     told = nearlift(*words).output

@@ -126,6 +126,7 @@ def test_an_odd_schedule_is_fitted_and_diagnosed_or_refused_in_words(name, pairs
 
 
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.nightly
 def test_drawn_schedules_are_answered(seed):
     rng = np.random.default_rng([3, seed])
     n = int(rng.integers(8, N))

@@ -72,6 +72,7 @@ class Loaded(HTMLParser):
         self.found += [values[name] for kind, name in LOADS if kind == tag and values.get(name)]
 
 
+@pytest.mark.nightly
 def test_every_page_is_there(site):
     written = {
         p.relative_to(ROOT / "docs").with_suffix(".html").as_posix()
@@ -80,6 +81,7 @@ def test_every_page_is_there(site):
     assert {p for p in written if not (site / p).is_file()} == set()
 
 
+@pytest.mark.nightly
 def test_nothing_is_loaded_from_elsewhere(site):
     for page in site.rglob("*.html"):
         for target in Loaded(page.read_text(encoding="utf-8")).found:
@@ -90,12 +92,14 @@ def test_nothing_is_loaded_from_elsewhere(site):
                 )
 
 
+@pytest.mark.nightly
 def test_formulas_are_drawn(site):
     page = (site / "reference/models/sanchez_cuevas.html").read_text(encoding="utf-8")
     assert 'role="img" aria-label="\\frac{L}{L_\\infty}' in page
     assert "$$" not in page
 
 
+@pytest.mark.nightly
 def test_included_code_is_the_file(site):
     page = html.unescape(
         re.sub(r"<[^>]+>", "", (site / "extending.html").read_text(encoding="utf-8"))
