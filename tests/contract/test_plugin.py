@@ -1,8 +1,5 @@
 """A package of someone else's adds a model by entry point, and is refused by its name when it is
-broken.
-
-Each case is a real package: built by its own backend, installed without an index into a folder of
-its own, and seen by a fresh interpreter.
+broken. `test_examples` installs real packages; here one is a module and what pip writes of it.
 """
 
 import os
@@ -12,18 +9,10 @@ from pathlib import Path
 
 import pytest
 
-PYPROJECT = """
-[build-system]
-requires = ["hatchling"]
-build-backend = "hatchling.build"
-[project]
-name = "{package}"
-version = "1.0"
-[project.entry-points."{group}"]
-{entry} = "{module}:{attribute}"
-[tool.hatch.build.targets.wheel]
-packages = ["{module}"]
-"""
+from nearlift.declare import Effect, LiftModel
+from nearlift.errors import DeclarationError
+from nearlift.models import MODELS
+from nearlift.plugins import gather
 
 MODEL = """
 import numpy as np
@@ -43,39 +32,15 @@ NOT_A_MODEL = 3
 
 
 def install(
-    folder: Path, package: str, body: str, attribute: str = "MODEL", group: str = "nearlift.models"
-) -> Path:
-    """Build and install a package that declares one thing; returns the folder to put on
-    the path.
-    """
+    site: Path, package: str, body: str, attribute: str = "MODEL", group: str = "nearlift.models"
+) -> None:
+    """Put a package that declares one thing into a folder."""
     module = package.replace("-", "_")
-    project = folder / "source" / package
-    (project / module).mkdir(parents=True)
-    (project / module / "__init__.py").write_text(body)
-    (project / "pyproject.toml").write_text(
-        PYPROJECT.format(
-            package=package, module=module, attribute=attribute, group=group, entry=module
-        )
-    )
-    target = folder / "site"
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-index",
-        "--no-build-isolation",
-        "--no-deps",
-        "--disable-pip-version-check",
-    ]
-    subprocess.run(
-        [*command, "--target", str(target), str(project)],
-        check=True,
-        capture_output=True,
-        timeout=120,
-    )
-    return target
+    (site / f"{module}.py").write_text(body)
+    known = site / f"{module}-1.0.dist-info"
+    known.mkdir()
+    (known / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+    (known / "entry_points.txt").write_text(f"[{group}]\n{module} = {module}:{attribute}\n")
 
 
 def python(site: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -85,86 +50,32 @@ def python(site: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def ask(
-    site: Path, expression: str = "[m.name for m in catalogue.models('ground')]"
-) -> subprocess.CompletedProcess[str]:
-    return python(site, "-c", f"from nearlift import catalogue; print({expression})")
-
-
-@pytest.fixture(scope="module")
-def bell(tmp_path_factory) -> Path:
-    return install(
-        tmp_path_factory.mktemp("bell"), "lift-bell", MODEL.format(name="bell", expected=1.5)
-    )
-
-
-def test_model_of_a_package_is_in_the_catalogue_after_the_built_in_ones(bell):
-    out = ask(bell)
-    assert out.returncode == 0, out.stderr
-    names = names_in(out.stdout)
-    assert names[-1] == "bell"
-    assert names[0] == "sanchez_cuevas"
-
-
-def test_it_is_described_and_offered_as_a_rival(bell):
-    out = python(bell, "-c", "from nearlift.describe import describe; print(describe('bell'))")
-    assert "gain at contact" in out.stdout
-    assert "bell" in ask(bell, "catalogue.default_rivals('ground', 4, {})").stdout
-
-
-def test_it_stands_in_no_generated_page(bell):
-    out = python(
-        bell,
-        "-c",
-        "from nearlift.describe import reference_pages; print('models/bell.md' in"
-        " reference_pages())",
-    )
-    assert out.stdout.strip() == "False"
-
-
-def test_it_passes_the_same_contract_as_the_built_in_ones(bell):
-    out = python(
-        bell,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        str(Path(__file__).with_name("test_declarations.py")),
-        "-k",
-        "bell",
-    )
-    assert out.returncode == 0, out.stdout[-3000:]
-    assert "passed" in out.stdout
+def test_a_model_is_offered_and_described_after_the_built_in_ones(tmp_path):
+    """It is in no generated page; a broken package breaks nothing until the catalogue is asked."""
+    install(tmp_path, "lift-bell", MODEL.format(name="bell", expected=1.5))
+    code = """
+from nearlift import catalogue
+from nearlift.describe import describe, reference_pages
+print([m.name for m in catalogue.models("ground")][-1])
+print(catalogue.default_rivals("ground", 4, {})[-1])
+print("gain at contact" in describe("bell"), "models/bell.md" in reference_pages())
+"""
+    shown = python(tmp_path, "-c", code)
+    assert shown.stdout.split() == ["bell", "bell", "True", "False"], shown.stderr
+    install(tmp_path, "lift-lazy", "raise RuntimeError('loaded')")
+    asked = "import nearlift.catalogue as c, nearlift.describe; print('imported'); c.models()"
+    shown = python(tmp_path, "-c", asked)
+    assert shown.stdout == "imported\n"
+    assert "package lift-lazy: its entry point" in shown.stderr
 
 
 @pytest.mark.parametrize(
-    ("package", "body", "attribute", "told"),
+    ("package", "body", "attribute", "words"),
     [
-        (
-            "lift-import",
-            "import a_module_that_is_not_there",
-            "MODEL",
-            "breaks: ModuleNotFoundError: No module named 'a_module_that_is_not_there'",
-        ),
-        (
-            "lift-absent",
-            MODEL.format(name="absent", expected=1.5),
-            "NO_SUCH",
-            "breaks: AttributeError",
-        ),
-        (
-            "lift-number",
-            MODEL.format(name="number", expected=1.5),
-            "NOT_A_MODEL",
-            "is of type int, not LiftModel",
-        ),
-        (
-            "lift-wrong",
-            MODEL.format(name="wrong", expected=1.7),
-            "MODEL",
-            "breaks: DeclarationError: declaration wrong: gives 1.5 at 0.0",
-        ),
+        ("lift-import", "import not_there", "MODEL", "breaks: ModuleNotFoundError: .*'not_there'"),
+        ("lift-absent", MODEL.format(name="a", expected=1.5), "NONE", "breaks: AttributeError"),
+        ("lift-number", MODEL.format(name="b", expected=1.5), "NOT_A_MODEL", "type int, not Lift"),
+        ("lift-wrong", MODEL.format(name="c", expected=1.7), "MODEL", "c: gives 1.5 at 0.0"),
         (
             "lift-taken",
             MODEL.format(name="hayden", expected=1.5),
@@ -173,46 +84,28 @@ def test_it_passes_the_same_contract_as_the_built_in_ones(bell):
         ),
     ],
 )
-def test_broken_package_is_refused_by_its_name(tmp_path, package, body, attribute, told):
-    out = ask(install(tmp_path, package, body, attribute))
-    assert out.returncode != 0
-    assert f"package {package}: " in out.stderr
-    assert told in out.stderr
+def test_a_broken_package_is_refused_by_its_name(
+    tmp_path, monkeypatch, package, body, attribute, words
+):
+    install(tmp_path, package, body, attribute)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(DeclarationError, match=f"package {package}: .*{words}"):
+        gather("nearlift.models", LiftModel, MODELS)
 
 
-def test_two_packages_with_one_name_are_refused(tmp_path):
-    install(tmp_path, "lift-first", MODEL.format(name="twin", expected=1.5))
-    out = ask(install(tmp_path, "lift-second", MODEL.format(name="twin", expected=1.5)))
-    assert (
-        "package lift-second: declares 'twin', a name that lift-first declares already"
-        in out.stderr
-    )
+def test_two_packages_with_one_name_are_refused(tmp_path, monkeypatch):
+    for package in ("lift-first", "lift-second"):
+        install(tmp_path, package, MODEL.format(name="twin", expected=1.5))
+    monkeypatch.syspath_prepend(tmp_path)
+    words = "package lift-second: declares 'twin', a name that lift-first declares already"
+    with pytest.raises(DeclarationError, match=words):
+        gather("nearlift.models", LiftModel, MODELS)
 
 
-def test_broken_package_breaks_nothing_until_the_catalogue_is_asked(tmp_path):
-    site = install(tmp_path, "lift-lazy", "raise RuntimeError('loaded')")
-    assert python(site, "-c", "import nearlift.catalogue, nearlift.describe").returncode == 0
-
-
-def test_effects_have_their_own_group(tmp_path):
-    out = ask(
-        install(
-            tmp_path,
-            "lift-effect",
-            MODEL.format(name="bell", expected=1.5),
-            group="nearlift.effects",
-        ),
-        "catalogue.effects()",
-    )
-    assert (
-        "package lift-effect: its entry point 'lift_effect' in nearlift.effects is of type"
-        " LiftModel, not Effect" in out.stderr
-    )
-
-
-def names_in(text: str) -> list[str]:
-    import ast
-
-    result = ast.literal_eval(text.strip())
-    assert isinstance(result, list)
-    return result
+def test_effects_have_their_own_group(tmp_path, monkeypatch):
+    body = MODEL.format(name="bell", expected=1.5)
+    install(tmp_path, "lift-effect", body, group="nearlift.effects")
+    monkeypatch.syspath_prepend(tmp_path)
+    words = "entry point 'lift_effect' in nearlift.effects is of type LiftModel, not Effect"
+    with pytest.raises(DeclarationError, match=words):
+        gather("nearlift.effects", Effect, ())

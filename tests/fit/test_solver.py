@@ -15,6 +15,7 @@ from tests.unit.simulated import GEOMETRY, campaign
 from nearlift import catalogue
 from nearlift.fit import solver
 from nearlift.fit.held_quantity import at_exponents
+from nearlift.fit.information import parameter_covariance
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise
@@ -140,12 +141,19 @@ class Raised(Problem):
         return self.exponent * super().slopes(*given, **named)
 
 
-def test_all_exponents_at_once_are_each_alone():
-    problem = fit(catalogue.model("sanchez_cuevas"), campaign(3, visits=4), (), SCATTER).problem
-    for n, value, _ in at_exponents(problem, np.array([2.0]), [0.6, 1.0, 1.2]):
+@pytest.mark.parametrize("model", ["sanchez_cuevas", "power_law"])
+def test_all_exponents_at_once_are_each_alone(model):
+    made = fit(catalogue.model(model), campaign(3, visits=4), (), SCATTER)
+    problem, exponents = made.problem, [0.6, 1.0, 1.2]
+    answers = at_exponents(problem, made.theta, exponents)
+    assert [n for n, _, _ in answers] == exponents
+    for n, value, u in answers:
         fields = {f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}
         alone = Raised(**fields, exponent=n)
-        assert value == pytest.approx(solver.solve(alone, quoted=True)[0][0], rel=1e-6)
+        best = solver.solve(alone, quoted=True)[0]
+        assert value == pytest.approx(best[0], rel=1e-6)
+        covariance, _ = parameter_covariance(alone.project(alone.slopes(best)))
+        assert u == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-3)
 
 
 def test_a_search_that_gives_up_is_no_estimate():

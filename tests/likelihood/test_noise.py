@@ -68,6 +68,17 @@ def test_what_a_model_may_lack_has_no_scale():
     assert other[0].dof == pytest.approx(one[0].dof, rel=1e-6)
 
 
+def test_too_many_cells_have_smooth_curves_for_each_throttle():
+    """Where hardly a cell repeats: half waves of nearness, free to differ between throttles."""
+    data = campaign(7)
+    apart = dataclasses.replace(data, z_hat=data.z_hat * np.linspace(1.0, 1.01, data.n))
+    [columns], source = noise.saturated_mean_columns(apart)
+    assert "too few revisits" in source
+    curves = columns.reshape(data.n, noise.SHAPES, len(data.levels))
+    assert np.allclose(curves.sum(axis=2), 0)
+    assert np.linalg.matrix_rank(columns) == noise.SHAPES * (len(data.levels) - 1)
+
+
 def drifting(data: Observations, seed: int, size: float, trials: float) -> Observations:
     """The trials with a gain that wanders by `size` and forgets over so many of them."""
     rng, drift = np.random.default_rng(seed), np.zeros(data.n)

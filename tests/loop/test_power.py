@@ -175,6 +175,8 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
     assert row.detection_limit is None
     assert row.bias["alpha"].in_u != 0
     assert "height_scale" in {e.name for e in library}
+    assert row.seen == 0
+    assert design_report.effect_outlook(design, size_parameter("session_gain"), [1.0]).seen > 0.5
 
 
 def test_too_few_planned_trials_are_refused():

@@ -19,8 +19,8 @@ from nearlift.stages import STAGES
 from nearlift.synthetic import demo_flow
 from nearlift.synthetic.records import SimulatedBench
 
-from . import small_run
-from .small_run import state
+from tests.unit import small_run
+from tests.unit.small_run import state
 
 #: Runs each command in turn, as the console script would. The demo's campaign is a small one, and
 #: one figure is drawn.

@@ -11,7 +11,7 @@ from tests.unit.manifests import raw_manifest
 from nearlift.stages.fit import FIT
 from nearlift.stages.gathering import gather
 
-from . import small_run
+from tests.unit import small_run
 
 MAP = {
     "points": [

@@ -20,7 +20,7 @@ from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
 from nearlift.stages.gathering import gather
 
-from . import small_run
+from tests.unit import small_run
 
 TABLE = "of a published table 15 in all, with lift_sd for each"
 REASON = f"24 usable trials are too few; at least 45 trials are needed, 21 more ({TABLE})"

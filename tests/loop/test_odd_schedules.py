@@ -15,7 +15,7 @@ from nearlift.fit.deletion import influence
 from nearlift.fit.least_squares import fit
 from nearlift.loop.diagnose import Options, diagnose
 
-from .simulated import campaign
+from tests.unit.simulated import campaign
 
 GROUND = catalogue.model("sanchez_cuevas")
 

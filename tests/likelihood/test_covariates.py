@@ -14,7 +14,7 @@ from nearlift.likelihood.covariates import derive, missing, unlogged
 from nearlift.loop.diagnose import USUAL, set_up
 from nearlift.loop.search_problem import Options
 
-from .simulated import campaign, findings
+from tests.unit.simulated import campaign, findings
 
 DENSITY = catalogue.effect("air_density")
 #: One whose own covariate is such as nobody misses in others.

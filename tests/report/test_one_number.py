@@ -21,7 +21,7 @@ from nearlift.stages import export, report
 from nearlift.stages.diagnose import findings
 from nearlift.study import Diagnosis
 
-from . import small_run, verdicts
+from tests.unit import small_run, verdicts
 
 #: A coefficient and a value: ``K_b = 2.0``, ``$K_b = \num{2.0(2)}$``, ``K_b (ground) = 2``.
 SAID = re.compile(r"(?<![\w/])K_?b\$?\s*[=≈]\s*(?:\\num\{)?([−-]?\d+(?:\.\d+)?)")

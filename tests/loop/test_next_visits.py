@@ -13,7 +13,7 @@ from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Noise
 from nearlift.results.diagnosis import FORM_SD
 
-from . import simulated
+from tests.unit import simulated
 
 BASE = catalogue.model("sanchez_cuevas")
 #: Of all visits go round the stations.

@@ -12,9 +12,9 @@ from nearlift.observed import observe
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
 
-from . import small_run, sweeps
-from .bench_campaign import run_ingest
-from .small_run import nearlift
+from tests.unit import small_run, sweeps
+from tests.unit.bench_campaign import run_ingest
+from tests.unit.small_run import nearlift
 
 MANIFEST = """
 schema = "nearlift.campaign/1"
