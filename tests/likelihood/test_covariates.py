@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign, findings
 
 from nearlift import catalogue
 from nearlift.effects.gain import density
@@ -13,8 +14,6 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood.covariates import derive, missing, unlogged
 from nearlift.loop.diagnose import USUAL, set_up
 from nearlift.loop.search_problem import Options
-
-from tests.unit.simulated import campaign, findings
 
 DENSITY = catalogue.effect("air_density")
 #: One whose own covariate is such as nobody misses in others.

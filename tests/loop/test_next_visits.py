@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit import simulated
 
 from nearlift import catalogue
 from nearlift.likelihood import budget
@@ -12,8 +13,6 @@ from nearlift.loop import coefficients, next_visits, separation
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Noise
 from nearlift.results.diagnosis import FORM_SD
-
-from tests.unit import simulated
 
 BASE = catalogue.model("sanchez_cuevas")
 #: Of all visits go round the stations.

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign
 
 from nearlift import catalogue
 from nearlift.errors import NearliftError
@@ -14,8 +15,6 @@ from nearlift.fit import profiles
 from nearlift.fit.deletion import influence
 from nearlift.fit.least_squares import fit
 from nearlift.loop.diagnose import Options, diagnose
-
-from tests.unit.simulated import campaign
 
 GROUND = catalogue.model("sanchez_cuevas")
 

@@ -5,13 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from tests.unit import small_run
 from tests.unit.conftest import true_ratio
 from tests.unit.manifests import raw_manifest
 
 from nearlift.stages.fit import FIT
 from nearlift.stages.gathering import gather
-
-from tests.unit import small_run
 
 MAP = {
     "points": [

@@ -11,12 +11,6 @@ import pytest
 
 from nearlift.report.figures import budget, profiles
 from nearlift.results.quotation import BudgetLine
-from nearlift.stages.gathering import gather
-
-
-@pytest.fixture(scope="module")
-def evidence(small_job):
-    return gather(small_job)
 
 
 def test_bars_are_what_knowing_a_source_would_save(evidence):

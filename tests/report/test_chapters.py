@@ -16,13 +16,7 @@ from nearlift.report import words
 from nearlift.report.chapters import models, numbers, verdict
 from nearlift.report.number import Place
 from nearlift.stages.fit import FIT, RESULTS
-from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
-
-
-@pytest.fixture(scope="module")
-def evidence(small_job):
-    return gather(small_job)
 
 
 def changed(evidence, change=None):

@@ -29,11 +29,6 @@ SIDES = ("ground", "ceiling", "sidewall")
 
 
 @pytest.fixture(scope="module")
-def evidence(small_job):
-    return gather(small_job)
-
-
-@pytest.fixture(scope="module")
 def table(evidence):
     return fig2.table(evidence)
 

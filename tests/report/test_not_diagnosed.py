@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
+from tests.unit import small_run
 
 import nearlift
 from nearlift import comparison
@@ -19,8 +20,6 @@ from nearlift.stages import report
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
 from nearlift.stages.gathering import gather
-
-from tests.unit import small_run
 
 TABLE = "of a published table 15 in all, with lift_sd for each"
 REASON = f"24 usable trials are too few; at least 45 trials are needed, 21 more ({TABLE})"

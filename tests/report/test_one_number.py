@@ -11,6 +11,7 @@ import json
 import re
 
 import pytest
+from tests.unit import small_run, verdicts
 
 from nearlift import comparison
 from nearlift.nomenclature import letter, mathematics
@@ -20,8 +21,6 @@ from nearlift.rounding import like, plus_minus
 from nearlift.stages import export, report
 from nearlift.stages.diagnose import findings
 from nearlift.study import Diagnosis
-
-from tests.unit import small_run, verdicts
 
 #: A coefficient and a value: ``K_b = 2.0``, ``$K_b = \num{2.0(2)}$``, ``K_b (ground) = 2``.
 SAID = re.compile(r"(?<![\w/])K_?b\$?\s*[=≈]\s*(?:\\num\{)?([−-]?\d+(?:\.\d+)?)")

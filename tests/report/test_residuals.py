@@ -13,12 +13,6 @@ from nearlift.report.evidence import pick
 from nearlift.report.figures import binning, residuals
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.fit import RESULTS
-from nearlift.stages.gathering import gather
-
-
-@pytest.fixture(scope="module")
-def evidence(small_job):
-    return gather(small_job)
 
 
 @pytest.mark.parametrize("boundary", ["ground", "ceiling", "sidewall"])

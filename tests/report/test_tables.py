@@ -20,7 +20,6 @@ from tests.unit import quoted
 from nearlift.nomenclature import latex as symbol
 from nearlift.report import tables
 from nearlift.stages.fit import FIT, RESULTS
-from nearlift.stages.gathering import gather
 
 WRITTEN = {
     name: lambda evidence, make=make: tables.latex(make(evidence), "about")
@@ -44,11 +43,6 @@ DOCUMENT = r"""\documentclass{article}
 %s
 \end{document}
 """
-
-
-@pytest.fixture(scope="module")
-def evidence(small_job):
-    return gather(small_job)
 
 
 def written(name, evidence):

@@ -13,14 +13,13 @@ import click
 import numpy as np
 import pytest
 import scipy.io
+from tests.unit import small_run
+from tests.unit.small_run import state
 
 from nearlift.cli import main
 from nearlift.stages import STAGES
 from nearlift.synthetic import demo_flow
 from nearlift.synthetic.records import SimulatedBench
-
-from tests.unit import small_run
-from tests.unit.small_run import state
 
 #: Runs each command in turn, as the console script would. The demo's campaign is a small one, and
 #: one figure is drawn.

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit import small_run, sweeps
+from tests.unit.bench_campaign import run_ingest
+from tests.unit.small_run import nearlift
 
 from nearlift.errors import ManifestError
 from nearlift.observed import observe
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
-
-from tests.unit import small_run, sweeps
-from tests.unit.bench_campaign import run_ingest
-from tests.unit.small_run import nearlift
 
 MANIFEST = """
 schema = "nearlift.campaign/1"
