@@ -26,6 +26,7 @@ threadpoolctl.threadpool_limits(1, "blas")
 hypothesis.settings.register_profile(
     "untimed",
     deadline=None,
+    max_examples=40,
     suppress_health_check=[hypothesis.HealthCheck.too_slow],
     print_blob=True,
 )
@@ -72,7 +73,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return None
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    # the demo takes longest, and while a process makes it the others have work of their own
+    items.sort(key=lambda item: "demo" not in getattr(item, "fixturenames", ()))
     if config.option.core and not config.option.write_slow:
         slow = set(SLOW.read_text(encoding="utf-8").splitlines())
         config.hook.pytest_deselected(items=[item for item in items if item.nodeid in slow])

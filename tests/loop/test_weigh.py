@@ -104,3 +104,18 @@ def test_membership_turns_where_the_margin_says(weights):
             turned = log.copy()
             turned[i] -= margin / weigh.TEMPERATURE + past
             assert weigh.in_credible_set(turned)[i] == member
+
+
+def test_where_nothing_is_detected_each_effect_is_weighed_against_nothing():
+    made = answer()
+    problem = made.problem
+    chance = {(e.effects, e.nameless): e.probability for e in made.probabilities if not e.other}
+    log_odds = {
+        name: value / weigh.TEMPERATURE + weigh.log_odds(problem, 1)
+        for name, value in weigh.first_order(problem).items()
+    }
+    listed = [name for name in log_odds if ((name,), None) in chance]
+    assert listed
+    for name in listed:
+        ratio = chance[(name,), None] / chance[(), None]
+        assert np.log(ratio) == pytest.approx(log_odds[name])
