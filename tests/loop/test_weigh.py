@@ -106,16 +106,13 @@ def test_membership_turns_where_the_margin_says(weights):
             assert weigh.in_credible_set(turned)[i] == member
 
 
-def test_where_nothing_is_detected_each_effect_is_weighed_against_nothing():
-    made = answer()
-    problem = made.problem
-    chance = {(e.effects, e.nameless): e.probability for e in made.probabilities if not e.other}
-    log_odds = {
-        name: value / weigh.TEMPERATURE + weigh.log_odds(problem, 1)
-        for name, value in weigh.first_order(problem).items()
-    }
-    listed = [name for name in log_odds if ((name,), None) in chance]
-    assert listed
-    for name in listed:
-        ratio = chance[(name,), None] / chance[(), None]
-        assert np.log(ratio) == pytest.approx(log_odds[name])
+def test_where_nothing_is_detected_each_effect_is_weighed_against_nothing(monkeypatch):
+    monkeypatch.setattr(weigh, "LEAST_LISTED", 0.0)
+    problem = answer().problem
+    listed = weigh.weigh(problem, problem.nothing_added[0], (), ())
+    chance = {e.effects: e.probability for e in listed if not e.nameless}
+    effects = weigh.first_order(problem)
+    assert len(chance) == 1 + len(effects)
+    for name, value in effects.items():
+        log_odds = value / weigh.TEMPERATURE + weigh.log_odds(problem, 1)
+        assert np.log(chance[name,] / chance[()]) == pytest.approx(log_odds)
