@@ -183,8 +183,8 @@ def _remarks(members: Sequence[Entry], together: Population | None) -> Iterator[
     for names in same.values():
         if len(names) > 1:
             yield (
-                f"{', '.join(names)} agree to the last digit: if they are the same trials, they"
-                f" count once, not {len(names)} times"
+                f"{', '.join(names)} agree to the last digit: if they are the same trials, compare"
+                " only one of them"
             )
     if together is not None:
         mean, doubled = together.mean, together.spread_prior.mean_if_doubled

@@ -57,6 +57,9 @@ def test_sweeps_become_a_campaign_that_runs(server, get, tmp_path):
     source = (tmp_path / "raw" / "SOURCE.txt").read_text()
     assert all(hashlib.sha256(text.encode()).hexdigest() in source for text in SWEEPS.values())
     assert sorted(server.asked) == sorted(SWEEPS)
+    assert "Cite: none." in source
+    assert "Licence: CC0." in source
+    assert all("http://127.0.0.1" in line for line in source.splitlines() if "sha256" in line)
 
 
 def test_the_cache_is_not_fetched_again_unless_it_is_damaged(server, get, tmp_path):

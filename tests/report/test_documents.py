@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import re
 
+import numpy as np
 import pytest
 from tests.unit import verdicts
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.report import sources, words
+from nearlift.loop import weigh
+from nearlift.report import phrases, sources, words
 from nearlift.report.documents import methods, summary
 from nearlift.report.figures import corner
 from nearlift.report.phrases import coefficient_text, coverage
@@ -167,6 +169,13 @@ def test_what_could_move_the_number_unseen_is_looked_for_first(
 
 def test_titles_stand_within_a_sentence():
     assert titled("reynolds, supply_sag and tilted") == ("Reynolds number, supply sag and tilted")
+
+
+def test_probabilities_have_their_prior_odds_where_there_are_any(evidence, quoted):
+    odds = f"{np.exp(weigh.LOG_NAMELESS_ODDS):.2g} for structure without a known cause."
+    assert phrases.PRIOR_ODDS.endswith(odds)
+    diagnosed = quoted.verdict != "not_diagnosed"
+    assert (phrases.PRIOR_ODDS in flat(methods.markdown(evidence).decode())) == diagnosed
 
 
 def test_the_methods_are_made_from_the_products(evidence, quoted):

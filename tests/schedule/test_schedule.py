@@ -188,6 +188,8 @@ def test_visits_count_the_stops_of_the_traverse() -> None:
     assert visits(
         side, z, None, np.array(["1", "2", "2", "2", "2", "2"], dtype=object)
     ).tolist() == [0, 1, 2, 3, 3, 3]
+    # without an order, equal rows are one stop wherever they are
+    assert visits(side[:4], z[[0, 2, 1, 3]], ordered=False).tolist() == [0, 1, 0, 2]
 
 
 def test_offsets_add_to_the_distance_by_boundary(tmp_path: Path) -> None:

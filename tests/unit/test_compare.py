@@ -124,7 +124,7 @@ def test_campaigns_that_are_one_and_the_same_are_said(tmp_path):
     for name, value in (("a", 2.0), ("b", 2.0), ("c", 2.1)):
         write(tmp_path, name, value, 0.1)
     content, text = compare(tmp_path)
-    told = "a, b agree to the last digit: if they are the same trials, they count once, not 2 times"
+    told = "a, b agree to the last digit: if they are the same trials, compare only one of them"
     assert told in content["groups"][0]["remarks"]
     assert told in text
     assert told in (tmp_path / "reports" / "comparison" / "index.html").read_text()

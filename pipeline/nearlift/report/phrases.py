@@ -18,6 +18,11 @@ from nearlift.rounding import like, plain, plus_minus
 #: P-values below this are printed as a bound.
 LEAST_P = 1e-12
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: Condition of every probability that is printed; the odds are those of `loop.weigh`.
+PRIOR_ODDS = (
+    "Probabilities assume prior odds over no effect: 1 for all single effects together, 0.03 for"
+    " structure without a known cause."
+)
 #: Probability from which an explanation is named alone.
 MIN_ALONE = 0.6
 #: Explanations of at least this probability are listed, and at most so many.

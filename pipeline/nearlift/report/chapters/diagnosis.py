@@ -14,7 +14,7 @@ from nearlift.report import blocks, sources, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import ranked
 from nearlift.report.number import Number, Place
-from nearlift.report.phrases import along, displayed, listed, sentence, titles
+from nearlift.report.phrases import PRIOR_ODDS, along, displayed, listed, sentence, titles
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.rounding import plain
 from nearlift.stages.diagnose import DIAGNOSIS
@@ -34,7 +34,7 @@ def facts(evidence: Evidence) -> Markup:
     """
     rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",)).percent(digits=3)
     parts = [blocks.figure("diagnosis")]
-    parts.append(blocks.paragraph("False-alarm rate: {} % per boundary.", rate))
+    parts.append(blocks.paragraph("False-alarm rate: {} % per boundary. {}", rate, PRIOR_ODDS))
     for b in BOUNDARIES:
         if reason := evidence.not_diagnosed(b):
             parts += [

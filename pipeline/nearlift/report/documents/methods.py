@@ -57,6 +57,7 @@ def markdown(evidence: Evidence) -> bytes:
         trials=trials,
         briefs=briefs,
         rate=diagnosed[0].false_alarm_rate if diagnosed else None,
+        prior_odds=phrases.PRIOR_ODDS,
         removed=removed.replace(" left out", f" {'was' if lost < 2 else 'were'} left out", 1),
         excluded=sum(len(fit.excluded) for fit in fits),
         cite=_cite,
