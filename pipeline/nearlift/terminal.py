@@ -278,7 +278,7 @@ def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
             from nearlift.stages import looks
 
             if not snapshots:
-                snapshots.append(looks.snapshot(job))
+                snapshots.append(looks.answers(job))
             if stage.name == "ingest":
                 size = bytes_text(sum(size for size, _ in job.stamps.values()))
                 why = f"{why}; {len(job.stamps)} files with {size}"
@@ -296,7 +296,7 @@ def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
         if snapshots:
             from nearlift.stages import looks
 
-            snapshots.append(looks.snapshot(job))
+            snapshots.append(looks.answers(job))
     rejected = [trial for step in steps for trial in step.outcome.rejected]
     _list_rejected(call, rejected)
     report = job.reports / "index.html"
@@ -341,7 +341,7 @@ def execute_many(call: Call, campaigns: Sequence[Path], only: str | None = None)
     many = f"{len(campaigns)} campaigns"
     with call.busy(f"nearlift: {many}"):
         for one in run_campaigns(
-            campaigns, call.out, STAGES, call.executor, call.seed, looks.verdicts, only
+            campaigns, call.out, STAGES, call.executor, call.seed, looks.line, only
         ):
             call.line(f"{one.campaign:<24}{one.words}")
             ends.append(one)

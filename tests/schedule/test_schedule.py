@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -201,161 +202,22 @@ def test_offsets_add_to_the_distance_by_boundary(tmp_path: Path) -> None:
     np.testing.assert_allclose(got.z_m, [0.034, 0.010])
 
 
-#: Name, schedule, changes of the manifest, message.
-AGAINST_THE_MANIFEST: dict[str, tuple[str, dict[str, Any], str]] = {
-    "no unit": (
-        "trial,boundary,distance,throttle,supply\na,ground,43,25,4\n",
-        {},
-        "column 'supply' has no unit\\n.*add supply = ",
-    ),
-    "no unit of distance": (
-        HEAD + "a,ground,43,25\n",
-        {"trials": {"units": {"throttle": "percent"}}},
-        "'distance' has no unit",
-    ),
-    "wrong dimension": (
-        HEAD + "a,ground,43,25\n",
-        {"trials": units(distance="s")},
-        "'s' is not a unit of length",
-    ),
-    "unit of nothing": (
-        HEAD + "a,ground,43,25\n",
-        {"trials": units(suply="V")},
-        "trials.units.suply: no column has that name\n  did you mean 'supply'",
-    ),
-    "boundary": (
-        HEAD + "a,groud,43,25\n",
-        {},
-        "line 2, column 'boundary': 'groud' is not a boundary\n  did you mean 'ground'",
-    ),
-    "duplicate": (
-        HEAD + "a,ground,43,25\nb,ground,43,25\na,ground,43,50\n",
-        {},
-        "line 4.*'a' is already in trials.csv, line 2",
-    ),
-    "no id": (HEAD + ",ground,43,25\n", {}, "line 2, column 'trial': holds no trial id"),
-    "column missing": (
-        "trial,boundary,distanze,throttle\na,ground,43,25\n",
-        {},
-        "no column 'distance'\n  is it 'distanze'",
-    ),
-    "not a number": (
-        HEAD + "a,ground,4x3,25\n",
-        {},
-        "line 2, column 'distance': '4x3' is not a number",
-    ),
-    "decimal comma": (HEAD + 'a,ground,"43,5",25\n', {}, "write decimals with a point"),
-    "empty distance": (HEAD + "a,ground,,25\n", {}, "line 2, column 'distance': is empty"),
-    "distance nan": (
-        HEAD + "a,ground,nan,25\n",
-        {},
-        "line 2, column 'distance': 'nan' is no value",
-    ),
-    "throttle nan": (
-        HEAD + "a,ground,43,NaN\n",
-        {},
-        "line 2, column 'throttle': 'NaN' is no value",
-    ),
-    "beyond numbers": (
-        HEAD + "a,ground,1e400,25\n",
-        {},
-        "'distance': 1e400 is beyond what a number can",
-    ),
-    "line end in a cell": (
-        HEAD + 'a,ground,"3\n0",25\n',
-        {},
-        "'distance': '3\\\\n0' is not a number",
-    ),
-    "distance in free air": (HEAD + "a,none,43,25\n", {}, "free air .* has no distance"),
-    "approach": (
-        "trial,boundary,distance,throttle,approach\na,ground,43,25,2\n",
-        {},
-        "'2' is not a side",
-    ),
-    "time": (
-        "trial,boundary,distance,throttle,start\na,ground,43,25,12.5\n",
-        {},
-        "not ISO 8601 time, and start has no unit",
-    ),
-    "zones": (
-        "trial,boundary,distance,throttle,start\na,ground,43,25,2026-01-01T00:00:00\nb,ground,43,25,2026-01-01T00:00:00+01:00\n",
-        {},
-        "with and without a time zone",
-    ),
-    "lift beside records": (
-        "trial,boundary,distance,throttle,lift\na,ground,43,25,1\n",
-        {"trials": units(lift="N")},
-        'belongs to reader = "means"',
-    ),
-    "unseen": (
-        HEAD + "a\u202eb,ground,43,25\n",
-        {},
-        "'a\\\\u202eb' holds a character that does not show",
-    ),
-    "result's name": (
-        "trial,boundary,distance,throttle,z_hat\na,ground,43,25,1\n",
-        {},
-        "'z_hat' has the name of a result",
-    ),
-    "constant beside column": (
-        HEAD + "a,ground,43,25\n",
-        {"trials": {"constants": {"boundary": "ground"}}},
-        "is also a column",
-    ),
-}
-
-UNREADABLE: dict[str, tuple[str, dict[str, Any], str]] = {
-    "cells": (HEAD + "a,ground,43,5,25\n", {}, "line 2: has 5 cells under 4 column names"),
-    "twice": (
-        "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n",
-        {},
-        "'throttle' is there twice",
-    ),
-    "nameless": (
-        "trial,boundary,distance,throttle,\na,ground,43,25,\n",
-        {},
-        "column 5 has no name",
-    ),
-    "semicolons": (
-        "trial;boundary;distance;throttle\na;ground;43;25\n",
-        {},
-        "not separated by commas",
-    ),
-    "empty": ("", {}, "is empty"),
-    "no trial": (HEAD + "", {}, "lists no trial"),
-    "quote": (HEAD + 'a,"ground,43,25\n', {}, "is not CSV"),
-    "throttle": (
-        HEAD + "a,ground,43,25\n",
-        {"trials": units(throttle="fraction")},
-        "25 fraction is not between 0 and 1\n  percent",
-    ),
-    "throttle in fractions": (
-        HEAD + "a,ground,43,0.4\nb,ground,43,0.6\n",
-        {},
-        "line 3, column 'throttle': the largest throttle is 0\\.6 percent, at which no rotor lifts anything\\n  fraction\\?",
-    ),
-    "metres as mm": (
-        HEAD + "a,ground,0.02,25\nb,ground,0.3,25\n",
-        {},
-        "0.3 mm is the farthest .* m\\?\\n",
-    ),
-    "no distance": (HEAD + "a,ground,1e-300,25\nb,ground,300,25\n", {}, "on the ground itself"),
-}
+REFUSED = [
+    line.split(" => ")
+    for line in Path(__file__).with_name("refused.txt").read_text("utf-8").splitlines()[1:]
+]
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "changes", "match"),
-    [
-        pytest.param(kind, *case, id=name)
-        for kind, cases in ((ManifestError, AGAINST_THE_MANIFEST), (InputRefused, UNREADABLE))
-        for name, case in cases.items()
-    ],
+    ("at_fault", "text", "changes", "match"),
+    [pytest.param(*case, id=name) for name, *case in REFUSED],
 )
-def test_refusals(
-    tmp_path: Path, kind: type[Exception], text: str, changes: dict[str, Any], match: str
-) -> None:
-    with pytest.raises(kind, match=match):
-        read(tmp_path, text, **changes)
+def test_refusals(tmp_path: Path, at_fault: str, text: str, changes: str, match: str) -> None:
+    trials = tomllib.loads(f"trials = {changes}")["trials"]
+    trials["units"] = UNITS | trials.get("units", {})
+    text = text.encode().decode("unicode_escape").replace("HEAD\n", HEAD, 1)
+    with pytest.raises({"manifest": ManifestError, "input": InputRefused}[at_fault], match=match):
+        read(tmp_path, text, trials=trials)
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\n\n", "\n  "])

@@ -14,7 +14,7 @@ from typing import Any
 
 from nearlift.errors import SOME_TRIALS_REJECTED, InputRefused, NearliftError, UsageError
 from nearlift.run import engine
-from nearlift.run.engine import Job, Stage
+from nearlift.run.engine import Job, Stage, Step
 from nearlift.run.workers import Result, open_executor, ordered
 
 #: Time for a scheduler to answer, and for which a cluster may be without a worker, s.
@@ -25,20 +25,8 @@ SEVERITY = (0, SOME_TRIALS_REJECTED, 2, 5, 4)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class End:
-    """How one campaign ended.
-
-    Attributes
-    ----------
-    campaign : str
-        Its name, or its folder where the manifest was refused.
-    exit_code : int
-        As the same campaign alone would have ended.
-    words : str
-        One line: verdicts, or the refusal.
-    ran : tuple of str
-        Stages that were stale.
-    wall_s : float
-        Time it took.
+    """How one campaign ended: its name (its folder where the manifest was refused), the exit code
+    that it would have had alone, one line of results or refusal, and the stages that were stale.
     """
 
     campaign: str
@@ -107,25 +95,24 @@ def run_one(
     only: str | None,
 ) -> End:
     """Run one campaign; a refusal is an answer like any other."""
-    name, ran, rejected, start = str(root), list[str](), 0, time.perf_counter()
+    name, steps, start = str(root), list[Step](), time.perf_counter()
     try:
         wanted = None if only is None else (engine.stage_of(stages, only),)
         with engine.open_job(root, out, stages, executor, seed) as job:
             name = job.campaign.name
             for step in engine.run(job, wanted, force=only is not None):
-                rejected += len(step.outcome.rejected)
-                ran += [step.stage.name] if step.why else []
-            parts = (
-                words(job) or "done",
-                f"{rejected} trials rejected" if rejected else "",
-                "" if ran else "up to date",
-            )
-        code, line = SOME_TRIALS_REJECTED if rejected else 0, "; ".join(filter(None, parts))
+                steps.append(step)
+            line = words(job)
+        rejected = sum(len(step.outcome.rejected) for step in steps)
+        code = SOME_TRIALS_REJECTED if rejected else 0
+        if not any(step.why for step in steps):
+            line = f"{line}; up to date"
     except NearliftError as refusal:
         code = refusal.exit_code
         line = f"exit code {code}: {str(refusal).splitlines()[0]}"
+    ran = tuple(step.stage.name for step in steps if step.why)
     wall_s = time.perf_counter() - start
-    return End(campaign=name, exit_code=code, words=line, ran=tuple(ran), wall_s=wall_s)
+    return End(campaign=name, exit_code=code, words=line, ran=ran, wall_s=wall_s)
 
 
 def _require_names(roots: Sequence[Path]) -> None:
