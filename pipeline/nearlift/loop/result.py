@@ -40,6 +40,7 @@ SAME_END = 0.05
 SIZES = {
     "z_scale": (1.0, "fraction of distance"),
     "gap_hat2": (1.0, "square rotor radii"),
+    "viscous_share": (1.0, "fraction of gain, at contact"),
     "held_exponent": (1.0, "exponent of the lift ratio"),
     "stagnation": (1.0, "fraction of lift, at one radius"),
     "fountain": (1.0, "fraction of lift, at its strongest"),
