@@ -1,4 +1,5 @@
-"""Charts that a reader can point at and switch, as Vega-Lite by altair.
+"""Charts that a reader can point at and switch: templates of Vega-Lite
+(vega.github.io/vega-lite/docs) with their data.
 
 Colours are properties of the page's style sheet, so that a chart follows the reader's scheme; axes
 and legends are those of the page's script.
@@ -7,9 +8,9 @@ and legends are those of the page's script.
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,8 @@ MOST_DOTS = 1000
 MOST_COLOURS = 6
 SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross")
 DASHES = ([1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4])
-TEXT, SOFT, PAPER = "var(--text)", "var(--soft)", "var(--paper)"
+LEGEND = {"columns": 4, "title": "throttle", "symbolStrokeWidth": 2}
 WORDS = {"throttle_percent": "throttle (%)", "run_order": "run order", "z_hat": "distance ẑ"}
-#: Columns of a cell that its tooltip shows.
-CELL = ("throttle", "ẑ", "ΔL", "lift", "trials")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,29 +60,33 @@ def embedded(charts: Sequence[Chart]) -> str:
     return text
 
 
-def _data(alt: Any, table: pd.DataFrame) -> Any:
-    """A chart of these rows, rounded."""
-    return alt.Chart(
-        table.map(
-            lambda v: float(f"{v:.{DIGITS}g}") if isinstance(v, float) and math.isfinite(v) else v
-        )
-    )
+def _spec(name: str, data: Mapping[str, pd.DataFrame], **values: Any) -> Spec:
+    """The template of that name, each string "$key" in it replaced by the value of that key."""
+    file = resources.files("nearlift.report.page").joinpath("templates", f"{name}.json")
+    given = {f"${key}": value for key, value in values.items()}
+    given["$datasets"] = {key: _rows(table) for key, table in data.items()}
+
+    def filled(part: Any) -> Any:
+        if isinstance(part, dict):
+            return {key: filled(each) for key, each in part.items()}
+        if isinstance(part, list):
+            # Vega warns of a layer without rows
+            return [filled(each) for each in part if not _is_empty(each)]
+        return given.get(part, part) if isinstance(part, str) else part
+
+    def _is_empty(part: Any) -> bool:
+        return isinstance(part, dict) and "mark" in part and data[part["data"]["name"]].empty
+
+    spec: Spec = filled(json.loads(file.read_text(encoding="utf-8")))
+    return spec
 
 
-def _finished(chart: Any, description: str, height: int) -> Spec:
-    """The specification, as wide as its place."""
-    sized = chart.properties(width="container", height=height, description=description, padding=4)
-    spec: Spec = sized.to_dict(validate=False)
-    # an address, which the page has no use for; and colours of altair's own
-    del spec["$schema"], spec["config"]
-    return {**spec, "autosize": {"type": "fit-x", "contains": "padding"}}
-
-
-def _altair() -> Any:
-    import altair
-
-    altair.data_transformers.disable_max_rows()
-    return altair
+def _rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    """Rows for JSON, rounded; nan is null."""
+    floats = table.select_dtypes("float")
+    rounded = floats.map(lambda v: float(f"{v:.{DIGITS}g}")).where(np.isfinite(floats))
+    cells = table.assign(**rounded).astype(object)
+    return cells.where(cells.notna(), None).to_dict("records")
 
 
 def _ramp(n: int) -> list[str]:
@@ -134,68 +137,32 @@ def cells(evidence: Evidence, table: pd.DataFrame, boundary: Boundary) -> pd.Dat
 
 
 def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec:
-    alt = _altair()
     throttles = points.sort_values("throttle_fraction")["label"].unique().tolist()
     few = len(throttles) <= MOST_COLOURS
-    shown = alt.selection_point(name="throttles", fields=["label"], bind="legend")
-    x = alt.X("z_hat:Q", title="ẑ = distance / rotor radius").scale(type="log", nice=False)
-    x = x.axis(format="~g", labelOverlap=True)
     span = points["delta_L_percent"]
     room = 0.05 * float(span.max() - span.min() or 1)
-    within = [float(span.min()) - room, float(span.max()) + room]
-    y = alt.Y("delta_L_percent:Q", title="ΔL (%)").scale(domain=within, nice=False)
-    legend = alt.Legend(columns=4, title="throttle", symbolStrokeWidth=2) if few else None
-    colours = alt.Scale(domain=throttles, range=_ramp(len(throttles)))
-    stroke = alt.Stroke("label:N", scale=colours, legend=legend)
-    shapes = [*SHAPES][: len(throttles)] if few else ["circle"]
     lines = table[table["kind"].isin(("band", "least squares", "model"))]
     lines = lines.sort_values("kind", key=lambda k: k != "band", kind="stable")
     names = lines["label"].unique().tolist()
-    dash = alt.StrokeDash(
-        "label:N",
-        scale=alt.Scale(domain=names, range=list(DASHES[: len(names)])),
-        legend=alt.Legend(columns=1, symbolType="stroke", symbolStrokeColor=TEXT, symbolSize=400),
+    at = ["z_hat", "delta_L_percent"]
+    data = {
+        "points": points,
+        "lines": lines[["label", *at]],
+        "band": pick(table, kind="band")[["z_hat", "lo90_percent", "hi90_percent"]].dropna(),
+        "overlays": pick(table, kind="overlay")[["label", *at]],
+    }
+    return _spec(
+        "fig2",
+        data,
+        description=f"Lift change near the {boundary} against distance",
+        within=[float(span.min()) - room, float(span.max()) + room],
+        throttles=throttles,
+        colours=_ramp(len(throttles)),
+        shapes=list(SHAPES[: len(throttles)]) if few else ["circle"],
+        legend=LEGEND if few else None,
+        lines=names,
+        dashes=list(DASHES[: len(names)]),
     )
-    band = table[(table["kind"] == "band") & table["lo90_percent"].notna()]
-    dots = _data(alt, points).transform_filter(shown)
-    layers = [
-        _data(alt, band)
-        .mark_area(opacity=0.3, color=SOFT, clip=True, aria=False)
-        .encode(x=x, y=alt.Y("lo90_percent:Q"), y2="hi90_percent:Q"),
-        _data(alt, lines)
-        .mark_line(clip=True, aria=False, strokeWidth=1.5, color=TEXT)
-        .encode(x=x, y=y, strokeDash=dash),
-        dots.transform_calculate(
-            low="datum.delta_L_percent - datum.u", high="datum.delta_L_percent + datum.u"
-        )
-        .mark_rule(clip=True, aria=False)
-        .encode(x=x, y=alt.Y("low:Q"), y2="high:Q", stroke=stroke),
-        # Vega warns of a layer without rows
-        *(
-            _data(alt, overlays)
-            .mark_point(shape="cross", color=SOFT, clip=True)
-            .encode(x=x, y=y, tooltip=["label", "z_hat", "delta_L_percent"])
-            for overlays in [pick(table, kind="overlay")]
-            if len(overlays)
-        ),
-        dots.mark_point(
-            fill=PAPER, fillOpacity=1, strokeWidth=1.7, opacity=1, ariaRoleDescription="cell"
-        )
-        .encode(
-            x=x,
-            y=y,
-            stroke=stroke,
-            shape=alt.Shape(
-                "label:N", scale=alt.Scale(domain=throttles, range=shapes), legend=legend
-            ),
-            size=alt.Size("area:Q", scale=None, legend=None),
-            description="words:N",
-            tooltip=[f"{name}:N" for name in CELL],
-        )
-        .add_params(shown),
-    ]
-    chart = alt.layer(*layers).resolve_scale(strokeDash="independent", stroke="shared")
-    return _finished(chart, f"Lift change near the {boundary} against distance", 240)
 
 
 def residuals(evidence: Evidence) -> Chart:
@@ -222,51 +189,32 @@ def word(covariate: str) -> str:
 
 
 def _residual_view(table: pd.DataFrame, boundary: str) -> Spec:
-    alt = _altair()
     names = {c: word(c) for c in table["covariate"].unique()}
-    against = alt.param(
-        name="against",
-        value=next(iter(names)),
-        bind=alt.binding_select(options=[*names], labels=[*names.values()], name="Against "),
-    )
     # distances are spread evenly by their logarithm, and labelled as they are
     logarithm = table["covariate"] == "z_hat"
     table = table.assign(x=table["x"].mask(logarithm, np.log10(table["x"].where(logarithm))))
-    chosen = _data(alt, table[table["kind"] != "trial"]).transform_filter(
-        "datum.covariate == against"
-    )
-    x = alt.X("x:Q", title=None).scale(zero=False, nice=False, padding=10)
-    x = x.axis(labelExpr="against == 'z_hat' ? format(pow(10, datum.value), '.2~g') : datum.label")
-    y = alt.Y("residual_percent:Q", title="residual (%)")
-    dots = _data(alt, _dots(pick(table, kind="trial"))).transform_calculate(x="datum[against]")
-    bars = chosen.transform_filter("datum.kind == 'bin'").transform_calculate(
-        low="datum.residual_percent - datum.u_residual_percent",
-        high="datum.residual_percent + datum.u_residual_percent",
-        words=(
-            f"'{boundary}, mean of ' + datum.n_trials + ' trials: residual ' +"
-            " format(datum.residual_percent, '.3f') + ' ± ' +"
-            " format(datum.u_residual_percent, '.3f') + ' %'"
-        ),
-    )
-    tooltip = ["trial", alt.Tooltip("residual_percent:Q", format=".2f")]
-    hollow: Any = {"fill": PAPER, "stroke": TEXT, "fillOpacity": 1, "opacity": 1}
-    layers = [
-        chosen.transform_filter("datum.kind == 'noise'")
-        .transform_calculate(below="-datum.u_residual_percent")
-        .mark_area(interpolate="step", color=SOFT, opacity=0.25, aria=False)
-        .encode(x=x, y=alt.Y("below:Q"), y2="u_residual_percent:Q"),
-        dots.mark_circle(
-            size=26, opacity=0.55, color="var(--s0)", ariaRoleDescription="trial"
-        ).encode(x=x, y=y, tooltip=tooltip),
-        bars.mark_rule(strokeWidth=1.6, color=TEXT, aria=False).encode(
-            x=x, y=alt.Y("low:Q"), y2="high:Q"
-        ),
-        bars.mark_point(**hollow, strokeWidth=1.7, size=60, ariaRoleDescription="mean").encode(
-            x=x, y=y, description="words:N", tooltip=[alt.Tooltip("words:N", title="mean")]
-        ),
+    y, u = table["residual_percent"], table["u_residual_percent"].fillna(0.0)
+    table = table.assign(low=y - u, high=y + u)
+    at = ["covariate", "x", "low", "high"]
+    means = pick(table, kind="bin")
+    means["words"] = [
+        f"{boundary}, mean of {m.n_trials:.0f} trials: residual {m.residual_percent:.3f}"
+        f" ± {(m.high - m.low) / 2:.3f} %"
+        for m in records(means)
     ]
-    chart = alt.layer(*layers).add_params(against)
-    return _finished(chart, f"Residuals near the {boundary}", 260)
+    data = {
+        "noise": pick(table, kind="noise")[at],
+        "trials": _dots(pick(table, kind="trial")),
+        "means": means[[*at, "residual_percent", "words"]],
+    }
+    return _spec(
+        "residuals",
+        data,
+        description=f"Residuals near the {boundary}",
+        first=next(iter(names)),
+        covariates=[*names],
+        names=[*names.values()],
+    )
 
 
 def _dots(trials: pd.DataFrame) -> pd.DataFrame:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue, derivative
-from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
+from nearlift.declare import Boundary, Effect, FloatArray, IntArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import lift_ratio
 from nearlift.report.evidence import Evidence, lift_inf_N, where
@@ -163,11 +163,15 @@ def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Cur
     """
     asked = boundary, z_hat.tobytes()
     if asked not in evidence.curves:
-        evidence.curves[asked] = _base_curve(evidence, boundary, z_hat)
+        # cells of several throttles share their distances
+        places, index = np.unique(z_hat, return_inverse=True)
+        evidence.curves[asked] = _base_curve(evidence, boundary, places, index)
     return evidence.curves[asked]
 
 
-def _base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
+def _base_curve(
+    evidence: Evidence, boundary: Boundary, z_hat: FloatArray, index: IntArray
+) -> Curve:
     model, fit = evidence.base(boundary)
     known = evidence.known(boundary, model)
     z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
@@ -180,7 +184,7 @@ def _base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Cu
     low, middle, high = drawn
     if endless(fit):
         low = high = np.full_like(middle, np.nan)
-    return Curve(middle=middle, low=low, high=high, least_squares=plain)
+    return Curve(middle=middle[index], low=low[index], high=high[index], least_squares=plain[index])
 
 
 def posterior_quantiles(

@@ -263,6 +263,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
         rows = pick(table, panel=boundary)
         handles = _lines(ax, rows, "delta_L_percent", throttles, shade)
         loc = "lower right" if boundary == "sidewall" else "upper right"
+        loc = "best" if (rows["kind"] == "overlay").any() else loc
         ax.legend(list(handles.values()), list(handles), loc=loc)
         _lines(below, rows, "above_fit_percent", throttles, shade)
         corrected = next((t for t in rows["corrected_for"] if t), "")

@@ -4,6 +4,8 @@ and power against risk.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -11,13 +13,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from nearlift.flight.fitted import FittedFlights
 from nearlift.report.evidence import Evidence, Part, frame, pick, records
 from nearlift.report.figures import style
 from nearlift.report.figures.fig6 import COST_COLOUR, SIDES, rate_axes
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, plain_text
 from nearlift.stages.simulate import CRASH_RATES, SAFETY
+
+if TYPE_CHECKING:
+    from nearlift.flight.fitted import FittedFlights
 
 #: A rate of zero is drawn at half a crash, since the axis is logarithmic.
 FLOOR = 0.5

@@ -17,6 +17,8 @@
     const spec = held[place.closest("[data-chart]").dataset.chart][place.dataset.view];
     live.get(place)?.result.finalize();
     const result = await vegaEmbed(place.querySelector(".drawing"), { ...spec, ...(width && { width }) }, options);
+    // a letter's index is set low
+    for (const word of place.querySelectorAll("text")) word.innerHTML = word.innerHTML.replace(/([A-Za-z])_(\w)(.*)/, '$1<tspan dy="3" font-size="75%">$2</tspan><tspan dy="-3">$3</tspan>');
     live.set(place, { result, rough: Boolean(width) });
   };
 
