@@ -273,13 +273,6 @@ def test_blank_rows_and_a_title_above_a_sheets_table(write: object, tmp_path: Pa
 
 
 @WRITERS
-def test_a_sheet_may_have_one_column(write: object, tmp_path: Path) -> None:
-    path = write(tmp_path / f"a.{write.__name__}", [["force"], *([i / 4] for i in range(20))])  # type: ignore[operator, attr-defined]
-    [force] = reader("sheet").open(path, {}).channels
-    assert force.values.tolist() == [i / 4 for i in range(20)]
-
-
-@WRITERS
 def test_a_sheet_of_means_makes_a_campaign(write: object, tmp_path: Path) -> None:
     path = write(tmp_path / f"means.{write.__name__}", MEANS)  # type: ignore[operator, attr-defined]
     folder = tmp_path / "campaign"

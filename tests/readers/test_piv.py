@@ -116,11 +116,6 @@ def test_every_text_dialect_gives_the_same_field(tmp_path, name, text, setting, 
     np.testing.assert_allclose(field.vy_m_s, V, rtol=1e-5)
 
 
-def test_a_file_whose_rows_run_downwards_is_turned_the_right_way_up(tmp_path):
-    path = put(tmp_path, INSIGHT + table(X[::-1], Y[::-1], U[::-1], V[::-1], ONE, sep=", "))
-    np.testing.assert_allclose(one(path).vy_m_s, V, rtol=1e-5)
-
-
 @pytest.mark.parametrize(
     ("text", "setting"),
     [
@@ -145,11 +140,6 @@ def test_what_is_no_vector_is_nan_and_never_zero(tmp_path, text, setting):
     assert (~field.valid == (X == 2)).all()
     assert np.isnan(field.vx_m_s[X == 2]).all()
     assert not (field.vx_m_s == 0).any()
-
-
-def test_a_mask_column_of_zeros_masks_nothing(tmp_path):
-    path = put(tmp_path, "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * X, 0 * X))
-    assert one(path, Setting(length_unit="mm", velocity_unit="m/s")).valid.all()
 
 
 def test_pixels_and_displacements_become_velocities_by_scale_and_frame_time(tmp_path):

@@ -12,8 +12,7 @@ from tests.unit import small_run, sweeps
 from tests.unit.small_run import nearlift
 
 from nearlift.onboarding.inspection import inspect
-from nearlift.readers.base import Channel
-from nearlift.readers.ramp import moves, ramp_of
+from nearlift.readers.ramp import moves
 from nearlift.stages.ingest import TRIALS
 
 
@@ -165,14 +164,6 @@ def test_a_campaign_of_sweeps_is_refused_with_the_lines_that_cut_it(tmp_path: Pa
     assert "[segments]\nby = " in answer.stderr
 
 
-def test_trials_alone_are_told_nothing(tmp_path: Path) -> None:
-    rng = np.random.default_rng(8)
-    root = campaign(tmp_path / "raw", {f"t{k}": held(rng, 0.3 + 0.01 * k) for k in range(4)})
-    answer = nearlift("ingest", root, "--out", tmp_path)
-    assert answer.exit_code == 0
-    assert "many lifts" not in answer.stderr
-
-
 @pytest.mark.parametrize("zero", [-0.3, -0.05, 0.0, 0.05, 0.3])
 def test_a_zero_that_is_not_tared_makes_no_sweep_of_one_lift(zero: float) -> None:
     rng = np.random.default_rng(3)
@@ -216,10 +207,3 @@ def test_ramps_cut_as_proposed_give_the_coefficient(tmp_path: Path) -> None:
     k = entry["parameters"]["k"]
     assert abs(k["value"] - 1.0) < 4 * k["u"]
     assert k["u"] < 0.05
-
-
-def test_numbers_beyond_any_force_are_no_sweep() -> None:
-    """A flipped exponent makes a record of a few readings of 1e200."""
-    force = np.tile([1.0, 1.0, 3.0, 3.0], 200)
-    force[100:300] = 1e200
-    assert ramp_of(Channel(name="force", values=force), [], [], 100.0) is None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.unit import small_run
 from tests.unit.bench_campaign import run_ingest
 from tests.unit.manifests import manifest
-from tests.unit.sweeps import CUT, HEAD_S, RATE, THROTTLES, campaign, lift_N, sweep, text_of, write
+from tests.unit.sweeps import HEAD_S, RATE, THROTTLES, campaign, lift_N, sweep, text_of, write
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.likelihood import budget
@@ -86,14 +86,6 @@ def test_pieces_cut_by_hand_are_the_same_to_the_bit(root: Path, tmp_path: Path) 
     for name in ("lift_N", "u_lift_N", "n", "n_eff", "sd_N", "drift_N_s", "z_hat", "throttle"):
         np.testing.assert_array_equal(trials[name], by_hand[name], err_msg=name)
     assert trials["visit"].tolist() == by_hand["visit"].tolist()
-
-
-def test_another_settling_renames_no_trial(root: Path, tmp_path: Path) -> None:
-    one, other = (
-        table(root, tmp_path / s, cut={"settle": s, "shortest": "0.1 s"}) for s in ("1 s", "2 s")
-    )
-    assert one["trial"].tolist() == other["trial"].tolist()
-    assert (other["n"] < one["n"]).all()
 
 
 def test_the_zero_of_a_record_is_one_unknown_of_its_pieces(root: Path, tmp_path: Path) -> None:
@@ -205,25 +197,6 @@ def test_windows_within_levels(root: Path, tmp_path: Path) -> None:
     assert len(trials["trial"]) == 27
     assert set(trials["n"].tolist()) == {80}
     assert len(set(trials["visit"].tolist())) == 3
-
-
-def test_windows_alone_keep_the_rows_throttle(tmp_path: Path) -> None:
-    folder = write(tmp_path / "raw", (2.0,), (60,))
-    (folder / "records.csv").write_text("record,boundary,distance,throttle\nr0,ground,46,60\n")
-    trials = table(
-        folder,
-        tmp_path / "out",
-        cut={
-            "by": "windows",
-            "unit": None,
-            "length": "1 s",
-            "shortest": "0.5 s",
-            "settle": "0.9 s",
-        },
-        load_cell={"tare": "0 s"},
-        trials={"units": {"distance": "mm", "throttle": "percent"}},
-    )
-    assert trials["n"].tolist() == [80, 80, 80]
 
 
 def test_a_word_that_says_when_it_counts(tmp_path: Path) -> None:
@@ -456,16 +429,6 @@ def test_a_record_cut_anywhere_gives_its_whole_pieces_or_fewer(cut: int, tmp_pat
         assert "truncated" in found.record.codes
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(at=st.integers(0, 1000), jump=st.sampled_from([-1e9, -3600.0, -0.5, 0.0, 0.5, 7200.0, 1e12]))
-def test_a_clock_that_jumps_moves_no_cut(at: int, jump: float, tmp_path: Path) -> None:
-    columns = sweep(2.0, np.random.default_rng(8))
-    columns["t"] = columns["t"] + jump * (np.arange(len(columns["t"])) >= at)
-    found = pieces_of(tmp_path, text_of(columns).encode())
-    assert found is not None
-    assert [(p.number, len(p.force_N)) for p in found.pieces] == [(2, 240), (3, 240), (4, 240)]
-
-
 @pytest.mark.parametrize("name", ["t", "throttle", "force"])
 def test_a_column_that_is_missing_is_named(name: str, tmp_path: Path) -> None:
     columns = sweep(2.0, np.random.default_rng(8))
@@ -475,23 +438,3 @@ def test_a_column_that_is_missing_is_named(name: str, tmp_path: Path) -> None:
     path.write_text(text_of(columns))
     with pytest.raises(InputRefused, match=f"has no column '{name}'"):
         segments.read(campaign(), tmp_path, reader("csv"), "r0", path)
-
-
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.tuples(st.integers(0, len(WHOLE) - 1), st.integers(0, 255)), max_size=4))
-def test_changed_bytes_are_refused_or_leave_pieces_of_the_record(
-    tmp_path: Path, changes: list[tuple[int, int]]
-) -> None:
-    content = bytearray(WHOLE)
-    for at, byte in changes:
-        content[at] = byte
-    found = pieces_of(tmp_path, bytes(content))
-    for piece in found.pieces if found else ():
-        assert len(piece.force_N) >= 2 * RATE
-        assert piece.brought["throttle"] > 0
-
-
-def test_the_manifest_of_these_tests_is_whole() -> None:
-    cut = campaign().segments
-    assert cut is not None
-    assert cut.by == CUT["by"]

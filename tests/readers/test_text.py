@@ -86,31 +86,6 @@ def test_groups_that_are_not_of_three_digits_are_no_number(tmp_path: Path) -> No
         plain(tmp_path, 'force\n1\n"1,234.5"\n')
 
 
-def test_a_header_alone_is_no_data_and_an_empty_file_empty(tmp_path: Path) -> None:
-    assert read(tmp_path, "t,F\n").codes == ("NO_DATA",)
-    assert read(tmp_path, "t,F").codes == ("NO_DATA", "truncated")
-    assert read(tmp_path, b"\0" * 50).codes == ("EMPTY",)
-    with pytest.raises(NoRows, match="holds no row of numbers"):
-        read(tmp_path, "so\nmuch\nfor\nthat\n")
-
-
-@pytest.mark.parametrize("tail", [b"3,4", b"3,45\0\0\0\0\0", b"\0\0\0\0"])
-def test_a_last_line_without_an_end_is_left_out(tmp_path: Path, tail: bytes) -> None:
-    found = read(tmp_path, b"t,F\n1,2\n2,3\n" + tail)
-    assert (found.codes, values(found, 1)) == (("truncated",), [2, 3])
-
-
-def test_utf16_cut_within_a_character(tmp_path: Path) -> None:
-    found = read(tmp_path, "t,F\n1,2\n2,3\n".encode("utf-16")[:-1])
-    assert (found.codes, values(found, 1)) == (("truncated",), [2])
-
-
-def test_a_bad_line_far_below_is_named(tmp_path: Path) -> None:
-    rows = b"".join(b"%d,%d\n" % (i, i) for i in range(20000))
-    with pytest.raises(InputRefused, match=r"f\.txt, line 20002: '7x' in column 'F' is not a"):
-        read(tmp_path, b"t,F\n" + rows + b"1,7x\n2,3\n")
-
-
 @pytest.mark.parametrize("bad", [5, 150, 9000])
 @pytest.mark.parametrize("names", [None, ("force",)])
 def test_a_bad_number_makes_no_column_of_words(tmp_path: Path, bad: int, names: object) -> None:
@@ -173,14 +148,6 @@ def test_labels_that_differ_are_no_text_column(tmp_path: Path) -> None:
         read(tmp_path, content, {"columns": ["what", "force"]})
 
 
-def test_columns_are_found_by_name(tmp_path: Path) -> None:
-    found = plain(tmp_path, "note,t,force\nx,0.000,1.5\ny,0.001,-2.25e1\n", "force", "t")
-    assert {c.name: c.values.tolist() for c in found.channels} == {
-        "force": [1.5, -22.5],
-        "t": [0, 0.001],
-    }
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -205,19 +172,19 @@ def test_harmless_dialects(tmp_path: Path, content: str) -> None:
         (b"forc", [], ("NO_DATA", "truncated")),
         (b"force\n1\n2\n3", [1, 2], ("truncated",)),
         (b"force\n1\n2\n3.1\0\0\0\0", [1, 2], ("truncated",)),
+        (b"force\n1\n2\n\0\0\0\0", [1, 2], ("truncated",)),
         (b"force\n12", [], ("NO_DATA", "truncated")),
+        ("force\n1\n2\n".encode("utf-16")[:-1], [1], ("truncated",)),
     ],
 )
 def test_half_written_files(
     tmp_path: Path, content: bytes, force: list[float], codes: tuple[str, ...]
 ) -> None:
-    found = plain(tmp_path, content)
-    assert found.codes == codes
-    assert [x for c in found.channels for x in c.values] == force
-    given = manifest(records={"files": "{trial}.csv"})
-    (record,) = of_trials("csv", given, tmp_path, ["t"])
-    assert bool(len(record.force_N)) == bool(force)
-    assert bool({"EMPTY", "NO_DATA"} & {*record.codes}) == (not force)
+    for given in (plain(tmp_path, content), read(tmp_path, content)):
+        assert given.codes == codes
+        assert [x for c in given.channels for x in c.values] == force
+    with pytest.raises(NoRows, match="holds no row of numbers"):
+        read(tmp_path, "so\nmuch\nfor\nthat\n")
 
 
 @pytest.mark.parametrize(

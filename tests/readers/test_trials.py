@@ -222,10 +222,6 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
             reduce_piece(task)
 
 
-def test_an_unknown_reader_is_refused(root: Path, tmp_path: Path) -> None:
-    refused(root, tmp_path, ManifestError, "did you mean 'csv'", records={"reader": "cvs"})
-
-
 def test_records_without_a_tare_are_noted(root: Path, tmp_path: Path) -> None:
     outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"tare": "none"}))
     assert "no tare" in outcome.notes[0]
@@ -289,14 +285,6 @@ def test_means_take_their_lift_from_the_schedule(tmp_path: Path) -> None:
     np.testing.assert_allclose(table["u_lift_N"], [9.80665e-4, 0.0])
     assert list(table["n"]) == [16, 1]
     assert table["source_sha256"][0] == sha256(tmp_path / "raw" / "trials.csv")
-
-
-def test_means_without_spread_know_no_error(tmp_path: Path) -> None:
-    _, table = means(
-        tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,10\nb,ground,43,50,24\n"
-    )
-    assert list(table["u_lift_N"]) == [0, 0]
-    assert np.all(np.isnan(table["sd_N"]))
 
 
 def test_means_need_a_lift(tmp_path: Path) -> None:
