@@ -27,8 +27,6 @@ from nearlift.readers.base import (
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: A two-dimensional dataset with more columns than this is an image.
 MOST_COLUMNS = 64
-#: Groups within groups.
-MAX_DEPTH = 20
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -42,37 +40,28 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     return Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
 
 
-def datasets(
-    group: Any, notes: list[str], above: str = "", deep: int = 0, seen: set[int] | None = None
-) -> Iterator[tuple[str, Any]]:
-    """Path and dataset of all below a group that is in this file; others are noted."""
-    from h5py import Dataset, Group, h5d, h5g, h5l, h5o
+def datasets(file: Any, notes: list[str]) -> list[tuple[str, Any]]:
+    """Path and dataset of all that is in this file, each once; what leads out of it is noted."""
+    from h5py import Dataset, ExternalLink
 
-    # by the library's lower half: the upper takes longer to look at a record's few links than to
-    # read its samples
-    seen = {h5o.get_info(group.id).addr} if seen is None else seen
-    for key in group.id:
-        name = f"{above}/{key.decode(errors='surrogateescape')}"
-        link = group.id.links.get_info(key)
-        if link.type == h5l.TYPE_EXTERNAL:
-            notes.append(f"{name} is a link to another file, and was not followed")
-        # links may make circles; of a hard one `u` is the address that it leads to
-        if link.type != h5l.TYPE_HARD or link.u in seen or deep > MAX_DEPTH:
-            continue
-        seen.add(link.u)
-        item = h5o.open(group.id, key)
-        if isinstance(item, h5g.GroupID):
-            yield from datasets(Group(item), notes, name, deep + 1, seen)
-        elif isinstance(item, h5d.DatasetID):
-            # samples in one stretch of this file have a place in it; how others are stored takes
-            # longer to ask
-            stored = item.get_create_plist() if item.get_offset() is None else None
-            if stored is not None and (
-                stored.get_layout() == h5d.VIRTUAL or stored.get_external_count()
-            ):
-                notes.append(f"{name} has its samples in another file, and was not read")
-                continue
-            yield name, Dataset(item)
+    held: list[tuple[str, Any]] = []
+
+    def look(name: str, item: Any) -> None:
+        if not isinstance(item, Dataset):
+            return
+        if item.is_virtual or item.external:
+            notes.append(f"/{name} has its samples in another file, and was not read")
+        else:
+            held.append((f"/{name}", item))
+
+    def note(name: str, link: Any) -> None:
+        if isinstance(link, ExternalLink):
+            notes.append(f"/{name} is a link to another file, and was not followed")
+
+    # neither follows a link by name
+    file.visititems_links(note)
+    file.visititems(look)
+    return held
 
 
 def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:

@@ -342,8 +342,7 @@ def _open_hdf5(path: Path) -> Any:
     """An HDF5 file that keeps all its data in itself, by h5py."""
     file = library("h5py", "netcdf").File(path, "r")
     notes: list[str] = []
-    for _ in datasets(file, notes):
-        pass
+    datasets(file, notes)
     if notes:
         raise _refusal(path, notes[0].split(", and was not")[0], "copy the data into one file")
     return file

@@ -26,7 +26,7 @@ from nearlift.readers.base import Reader, Record, malformed
 from nearlift.readers.files import MARK, Piece, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.segments import CutPiece
-from nearlift.reduction import judge, quality
+from nearlift.reduction import quality
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.reduction.samples import Conditions
 from nearlift.schedule import RECORD_COLUMN, Schedule, read_schedule, schedule_file
@@ -239,6 +239,9 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
     NearliftError
         The schedule or the records are refused, no trial has a record, or none is good.
     """
+    # with it come pandas and scipy, which no worker needs
+    from nearlift.reduction import judge
+
     campaign, root = recorded.campaign, recorded.root
     cell, excluded = campaign.load_cell, campaign.quality.exclude
     reader = readers.reader(campaign.records.reader)
@@ -272,13 +275,18 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
             )
         notes += [*more, *sweeps]
     _mark_pending(recorded, columns["source"].tolist(), codes)
-    table, duplicates = _table(schedule, columns, codes, campaign)
-    notes += [*duplicates, *judge.judge(table, campaign)]
+    owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
+    notes += judge.record_codes(columns, codes, owners, campaign)
+    table = _table(schedule, columns, codes, owners, campaign)
+    notes += judge.judge(table, campaign)
     if excluded:
         trials = ", ".join(f"{trial} ({why})" if why else trial for trial, why in excluded.items())
         notes.append(f"left out as [quality] exclude asks: {trials}")
     notes += quality.remarks(table["quality"])
     if quality.rejected(table["quality"]).all():
+        # as such where the unit of force is at fault
+        blank = np.full(len(table["quality"]), "", dtype=object)
+        judge.against_weight({**table, "quality": blank}, campaign)
         raise _all_rejected(recorded, table, sweeps)
     rejected = [
         (str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i]))
@@ -288,11 +296,7 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
 
 
 def _all_rejected(recorded: Recorded, table: Columns, sweeps: list[str]) -> InputRefused:
-    """The refusal of a campaign without a good trial, by its commonest code; raised as such where
-    the unit of force is at fault.
-    """
-    blank = {**table, "quality": np.full(len(table["quality"]), "", dtype=object)}
-    judge.against_weight(blank, recorded.campaign)
+    """The refusal of a campaign without a good trial, by its commonest code."""
     counts = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
     reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
     worst = counts.most_common(1)[0][0]
@@ -304,13 +308,13 @@ def _all_rejected(recorded: Recorded, table: Columns, sweeps: list[str]) -> Inpu
 
 
 def _table(
-    schedule: Schedule, columns: Columns, codes: list[list[str]], campaign: Campaign
-) -> tuple[Columns, list[str]]:
-    """Columns of trials.parquet in run order, with the codes that each trial has by itself; and
-    notes on duplicates.
-    """
-    owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
-    notes = judge.record_codes(columns, codes, owners, campaign)
+    schedule: Schedule,
+    columns: Columns,
+    codes: list[list[str]],
+    owners: NDArray[np.object_],
+    campaign: Campaign,
+) -> Columns:
+    """Columns of trials.parquet in run order, with the codes that each trial has by itself."""
     if schedule.reached_m is not None:
         off = np.abs(schedule.reached_m - schedule.z_m)
         lost = off > campaign.quality.height * campaign.vehicle.rotor_radius
@@ -333,7 +337,7 @@ def _table(
             codes[i].append(quality.EXCLUDED)
             fault[i] = "; ".join(filter(None, (fault[i], excluded[named])))
     texts = [quality.joined(c) for c in codes]
-    table = {
+    return {
         **schedule.settings,
         **columns,
         "quality": np.array(texts, dtype=object),
@@ -341,7 +345,6 @@ def _table(
         "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
         **schedule.covariates,
     }
-    return table, notes
 
 
 def _from_records(
