@@ -16,7 +16,8 @@ from nearlift.results.quotation import BoundaryResult, Correlation, Doubt
 
 #: `reason` until `diagnose` has run.
 NOT_LOOKED_AT = "`nearlift diagnose` has not run"
-#: Intervals agree where their ends differ by at most this many standard uncertainties.
+#: Intervals agree where their ends differ by at most this many standard uncertainties. Ours: it
+#: moves a 90 % interval's coverage by less than 4 %.
 SAME_END = 0.25
 
 

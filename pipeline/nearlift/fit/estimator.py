@@ -31,7 +31,7 @@ from nearlift.results.quotation import (
 )
 
 #: A source whose contribution and whose removal change an uncertainty by less than this fraction
-#: has no line.
+#: has no line. It would be rounding, and u is printed to two digits.
 NO_LINE = 1e-6
 #: Shift by an undeclared input, in standard uncertainties, up to which it is no doubt: it would
 #: widen u by sqrt(1 + 0.3^2), 4 %.

@@ -16,6 +16,7 @@ from nearlift.likelihood.problem import Problem
 from nearlift.results import Observations
 
 #: Share of the nearest trial's distance within the model's range that the error may take.
+#: Ours: at the end of the range itself some models have a pole.
 CLOSEST = 0.9
 
 

@@ -43,6 +43,7 @@ EXPONENT_BOUNDS = (0.1, 3.0)
 #: campaigns, since it changes the exponent.
 NOT_HELD = 0.01
 #: Least denominator of the formulas above: part of the change of lift at constant speed or power.
+#: Ours: at less, an error of the exponent counts tenfold.
 LEAST_LEFT = 0.1
 #: Fewest visits in one session for a response: six are left after a level and a slope.
 ENOUGH = 8

@@ -27,13 +27,15 @@ from nearlift.rounding import like, plain, plus_minus
 #: Median relative variance up to which trials repeat exactly: just above the variance floor.
 EXACT = 1.1e-12
 #: Shift of the headline in closed form, in its standard uncertainties, from which a trial is fitted
-#: without; and for a visit that is an outlier as a whole.
+#: without; and for a visit that is an outlier as a whole. Ours: `MOVES` less a margin, since the
+#: closed form holds the scatter that an outlier inflates.
 LOOK, LOOK_AT_ODD = 0.6, 0.25
 #: Shift of the headline between fits, in its standard uncertainties, from which a trial is named.
 #: Below one, since leaving out a glitch shifts it by less than the glitch did: the information of
 #: the trial is lost too (docs/decisions.md#outliers).
 MOVES = 0.8
-#: Maximum number of trials named, and of fits for each name.
+#: Maximum number of trials named, and of fits for each name. Ours: they bound the time; a campaign
+#: with more outliers has another fault.
 MOST, TRIES = 10, 4
 
 

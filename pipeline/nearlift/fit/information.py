@@ -62,7 +62,7 @@ DEGENERATE, TRADES = 0.95, 0.9
 #: Least relative reduction of an uncertainty for which a remedy is listed; u is printed to two
 #: digits.
 WORTH = 0.05
-#: Number of repeats that stands for no scatter at all.
+#: Number of repeats at which scatter is taken as absent: 1e-4 of its u is left.
 MOST_REPEATS = 1e8
 #: Fraction of its length that a parameter's row must keep once L_inf is projected out; least
 #: eigenvalue of the scaled information along a determined direction; and greatest share of a
@@ -101,17 +101,17 @@ def gain(problem: Problem, theta: FloatArray) -> FloatArray:
     return np.asarray(covariance @ problem.covariance.unwhiten(white), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Line:
     """One source of error, for all m coefficients (or other linear estimators) at once.
 
     Attributes
     ----------
-    kind : str
-        ``"A"`` from repeats, ``"B"`` stated.
     standard : float
         Standard uncertainty of the input in `unit`; the root mean square where trials or records
         differ.
+    kind : str
+        ``"A"`` from repeats, ``"B"`` stated.
     covariance : (m, m)
         Contribution to the covariance.
     without : Covariance or None
@@ -124,17 +124,17 @@ class Line:
         Variance by each component of `Noise`, for lines of the scatter of trials.
     """
 
-    component: str
-    kind: Literal["A", "B"]
-    distribution: str = "normal"
-    scope: str = "trial"
+    component: str = ""
     standard: float = 1.0
     unit: str = "1"
-    covariance: FloatArray
-    without: Covariance | None
-    moved: FloatArray | None = None
-    dof: FloatArray | float = np.inf
-    sizes: dict[str, FloatArray] = field(default_factory=dict)
+    scope: str = "trial"
+    distribution: str = "normal"
+    kind: Literal["A", "B"] = "A"
+    covariance: FloatArray = field(kw_only=True)
+    without: Covariance | None = field(default=None, kw_only=True)
+    moved: FloatArray | None = field(default=None, kw_only=True)
+    dof: FloatArray | float = field(default=np.inf, kw_only=True)
+    sizes: dict[str, FloatArray] = field(default_factory=dict, kw_only=True)
 
     @property
     def variance(self) -> FloatArray:
@@ -178,40 +178,31 @@ def lines(
     listed, first = _repeats(problem, g, scatter, slope), 0
     assumed = whole.variance - trial_variance(data, scatter)
     for part in parts:
-        standard, variance = part.size(data), independent_variance(data, part, slope)
+        variance = independent_variance(data, part, slope)
         assumed = assumed - variance
-        moved = None
         if part.scope in GROUPED:
             which = slice(first, first + int(groups(data, part.scope).max()) + 1)
-            first = which.stop
-            covariance, without = _shared(whole, g, which)
-            if which.stop - which.start == 1:
-                moved = g @ whole.shared[:, which.start]
+            first, line = which.stop, _shared(whole, g, which)
         else:
-            covariance, without = _independent(whole, g, variance)
-        line = Line(
-            component=part.name,
-            kind="A" if part.is_measured else "B",
-            standard=standard,
-            unit=UNITS[part.on][0],
-            scope=part.scope,
-            distribution=part.distribution,
-            covariance=covariance,
-            without=without,
-            moved=moved,
-        )
-        listed.append(line)
-    # the variance floor, where nothing scatters at all
-    if np.any(assumed > 1e-3 * whole.variance):
-        covariance, without = _independent(whole, g, np.maximum(assumed, 0.0))
+            line = _independent(whole, g, variance)
         listed.append(
-            Line(
-                component="least scatter assumed", kind="A", covariance=covariance, without=without
+            replace(
+                line,
+                component=part.name,
+                kind="A" if part.is_measured else "B",
+                standard=part.size(data),
+                unit=UNITS[part.on][0],
+                scope=part.scope,
+                distribution=part.distribution,
             )
         )
+    # the variance floor, where nothing scatters at all
+    if np.any(assumed > 1e-3 * whole.variance):
+        floor = _independent(whole, g, np.maximum(assumed, 0.0))
+        listed.append(replace(floor, component="least scatter assumed"))
     for name, which in (further or {}).items():
-        covariance, without = _shared(whole, g, which)
-        listed.append(replace(repeated(name, covariance), kind="B", without=without))
+        line = _shared(whole, g, which)
+        listed.append(replace(repeated(name, line.covariance), kind="B", without=line.without))
     return tuple(line for line in listed if line.standard > 0)
 
 
@@ -219,30 +210,23 @@ def repeated(name: str, covariance: FloatArray) -> Line:
     """A line without an input of its own: the only one of coefficients whose covariance (p, p)
     comes from repeats as a whole.
     """
-    return Line(
-        component=name,
-        kind="A",
-        unit="",
-        scope="",
-        distribution="",
-        covariance=covariance,
-        without=None,
-    )
+    return Line(component=name, unit="", scope="", distribution="", covariance=covariance)
 
 
-def _independent(
-    whole: Covariance, g: FloatArray, variance: FloatArray
-) -> tuple[FloatArray, Covariance]:
-    """Contribution of a variance (n,) of each trial alone, and the covariance without it."""
-    rest = np.maximum(whole.variance - variance, LEAST_VARIANCE)
-    contribution: FloatArray = (g * variance) @ g.T
-    return contribution, replace(whole, variance=rest)
+def _independent(whole: Covariance, g: FloatArray, variance: FloatArray) -> Line:
+    """Line of a variance (n,) of each trial alone."""
+    rest = replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
+    return Line(covariance=(g * variance) @ g.T, without=rest)
 
 
-def _shared(whole: Covariance, g: FloatArray, which: slice) -> tuple[FloatArray, Covariance]:
-    """Contribution of some of the shared unknowns, and the covariance without them."""
+def _shared(whole: Covariance, g: FloatArray, which: slice) -> Line:
+    """Line of some of the shared unknowns."""
     moved = g @ whole.shared[:, which]
-    return moved @ moved.T, replace(whole, shared=np.delete(whole.shared, which, axis=1))
+    return Line(
+        covariance=moved @ moved.T,
+        without=replace(whole, shared=np.delete(whole.shared, which, axis=1)),
+        moved=moved[:, 0] if moved.shape[1] == 1 else None,
+    )
 
 
 def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
@@ -253,61 +237,38 @@ def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray)
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
         dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
-    covariance, without = _independent(whole, g, record2)
-    listed = [
-        Line(
-            component=RECORD_NOISE,
-            kind="A",
-            standard=float(np.sqrt(np.mean(record2))),
-            dof=dof,
-            covariance=covariance,
-            without=without,
-        )
-    ]
+    rms = float(np.sqrt(np.mean(record2)))
+    record = replace(_independent(whole, g, record2), component=RECORD_NOISE, standard=rms, dof=dof)
     visit, age = np.unique(data.visit, return_inverse=True)[1], ages(data)
-    height, common = group_sums(g * slope, visit), group_sums(g, visit)
-    relative, less_relative = _independent(whole, g, np.full(data.n, scatter.relative**2))
-    force, less_force = _independent(whole, g, (scatter.force_N / data.lift_N) ** 2)
-    drift = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
-    for kind, scope, unit, standard, each, without in (
-        ("relative", "trial", "1", scatter.relative, relative, less_relative),
-        ("force_N", "trial", "N", scatter.force_N, force, less_force),
-        (
-            "height_m",
-            "visit",
-            "m",
-            scatter.height_m,
-            height @ height.T * scatter.height_m**2,
-            replace(whole, per_visit=np.zeros(data.n)),
-        ),
-        (
-            "common",
-            "visit",
-            "1",
-            scatter.common,
-            common @ common.T * scatter.common**2,
-            replace(whole, common=0.0),
-        ),
-        ("drift", "campaign", "1", scatter.drift_rms, drift, replace(whole, drift=0 * whole.drift)),
-    ):
-        by_size = each if isinstance(each, dict) else {kind: each}
-        sizes = {name: np.diag(c) for name, c in by_size.items()}
+
+    def of_visits(sensitivity: FloatArray, size: float) -> FloatArray:
+        moved = size * group_sums(sensitivity, visit)
+        return moved @ moved.T
+
+    relative = _independent(whole, g, np.full(data.n, scatter.relative**2))
+    force = _independent(whole, g, (scatter.force_N / data.lift_N) ** 2)
+    height, common = of_visits(g * slope, scatter.height_m), of_visits(g, scatter.common)
+    drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
+    drift = sum(drifts.values(), np.zeros((len(g), len(g))))
+    level = replace(whole, per_visit=np.zeros(data.n))
+    listed = [
+        replace(relative, component="relative", standard=scatter.relative),
+        replace(force, component="force_N", standard=scatter.force_N, unit="N"),
+        Line("height_m", scatter.height_m, "m", "visit", covariance=height, without=level),
+        Line("common", scatter.common, "1", "visit", covariance=common,
+            without=replace(whole, common=0.0)),
+        Line("drift", scatter.drift_rms, "1", "campaign", covariance=drift,
+            without=replace(whole, drift=0 * whole.drift)),
+    ]  # fmt: skip
+    for i, line in enumerate(listed):
+        name = line.component
+        parts = drifts if name == "drift" else {name: line.covariance}
+        sizes = {part: np.diag(c) for part, c in parts.items()}
         variance, spread = _scatter_variance(scatter, sizes, len(g))
         with np.errstate(divide="ignore", invalid="ignore"):
             dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
-        line = Line(
-            component=NAMES[kind],
-            kind="A",
-            standard=standard,
-            unit=unit,
-            scope=scope,
-            covariance=sum(by_size.values(), np.zeros((len(g), len(g)))),
-            without=without,
-            dof=dof,
-            sizes=sizes,
-        )
-        listed.append(line)
-    return listed
+        listed[i] = replace(line, component=NAMES[name], dof=dof, sizes=sizes)
+    return [record, *listed]
 
 
 def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:

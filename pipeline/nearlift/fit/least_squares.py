@@ -23,9 +23,10 @@ VAGUE = 1e6
 #: Maximum number of times that noise and slope are taken again: two settle them to second order.
 ROUNDS = 3
 #: Maximum number of times that the height error is taken again, and its last change, in stated
-#: standard uncertainties.
+#: standard uncertainties. Ours: the rest is far below a printed digit.
 HEIGHT_ROUNDS, SAME_HEIGHT = 30, 1e-3
 #: Distance from a bound, as a fraction of the range, at which a parameter is at it.
+#: Ours: above lmfit's inset of 1e-9, below any uncertainty.
 AT_BOUND = 1e-6
 
 

@@ -16,7 +16,7 @@ from nearlift.errors import InputRefused
 from nearlift.results.comparison import Population, SpreadPrior
 from nearlift.results.estimate import Estimate
 
-#: Grid points of the integral over the spread.
+#: Grid points of the integral over the spread. Ours: 4.5 decades, a point each 2.6 %.
 GRID = 400
 #: Fewest campaigns for an estimate of the spread: two have one difference and no scatter of it.
 FEWEST = 3

@@ -29,13 +29,15 @@ from nearlift.results.posterior import (
 Table = dict[str, NDArray[Any]]
 QUANTILES = (0.05, 0.5, 0.95)
 #: Ratio of 90 % widths, posterior over prior, above which the data say nothing, and above which the
-#: prior still matters.
+#: prior still matters. Ours, for normals: the data then weigh half as much as the prior,
+#: and ten times.
 SAME, SHAPED = 0.8, 0.3
 #: Fraction of the bounded range that counts as at a bound, and the least share of draws there to be
-#: reported.
+#: reported. Ours: four times what a flat density would leave there.
 EDGE, CROWD = 0.005, 0.02
 #: Ratio of 90 % widths, posterior over least squares, outside which a reason is given; and ratio of
 #: prior to least squares below which the prior is one.
+#: Ours: at three times the width a normal prior narrows u by 5 %.
 NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 
 

@@ -21,16 +21,17 @@ from nearlift.likelihood import student
 from nearlift.results.fit import ProfileIntervals
 from nearlift.results.quotation import LEVELS
 
-#: Points of the first grid.
+#: Points of the first grid. Ours: four a standard uncertainty.
 POINTS = 33
 #: The grid is finer, with so many points, within this many standard uncertainties of the optimum,
 #: where a profile is most curved.
 NEAR, NEAR_POINTS = 1.5, 31
 #: First reach in standard uncertainties; widened while the profile stays below the highest
-#: threshold.
-REACH = 4.0
-WIDENINGS = 5
-#: Values closer than this, in standard uncertainties, count as one.
+#: threshold, at most so often. Ours: the 95 % threshold from three degrees of
+#: freedom; each widening doubles it.
+REACH, WIDENINGS = 4.0, 5
+#: Values closer than this, in standard uncertainties, count as one: between them a parabola
+#: would be rounding.
 SAME = 1e-6
 
 

@@ -19,9 +19,10 @@ from nearlift.results import Estimate, IntArray
 from nearlift.results.fit import ModelFit, ParameterCovariance
 from nearlift.results.levels import LevelFit
 
-#: Degrees of freedom below which an uncertainty is flagged.
+#: Degrees of freedom below which an uncertainty is flagged. Ours: u is then known to 30 %.
 FEW_DOF = 5.0
-#: Range of z_hat, ends excluded, of the trials in `r2_near`.
+#: Range of z_hat, ends excluded, of the trials in `r2_near`. It is that of
+#: Carter, Bouchard and Quinn 2021.
 NEAR_GROUND = (1.0, 3.0)
 
 

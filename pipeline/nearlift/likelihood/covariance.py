@@ -20,7 +20,8 @@ from nearlift.likelihood import semiseparable
 from nearlift.likelihood.subspace import left_singular
 from nearlift.results import IntArray
 
-#: A campaign of exact numbers still needs a positive variance of log lift.
+#: A campaign of exact numbers still needs a positive variance of log lift. Ours: one part in a
+#: million, below the resolution of any load cell.
 LEAST_VARIANCE = 1e-12
 
 

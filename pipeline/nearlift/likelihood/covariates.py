@@ -14,7 +14,8 @@ from nearlift.likelihood.variance_components import elapsed_trials
 from nearlift.results import Observations
 
 #: Least variation of a covariate, as a fraction of a plausible range, for an effect along it to be
-#: tested; absolute where the scale is fixed.
+#: tested; absolute where the scale is fixed. Ours: a few steps
+#: of the usual sensor, so that its resolution is not tested as an effect.
 LEAST_SPREAD = {
     "temperature_K": 0.2,
     "pressure_Pa": 20.0,

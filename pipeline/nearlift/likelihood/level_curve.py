@@ -15,11 +15,11 @@ from nearlift.likelihood.covariance import visits_by_size
 from nearlift.results import Observations
 from nearlift.results.levels import LevelCurve
 
-#: Highest degree of the curve, also for a manifest.
+#: Highest degree of the curve, also for a manifest. Ours: thrust is nearly quadratic in throttle.
 MOST_DEGREE = 4
 #: Most throttles that are shown one by one; of more, so many medians of equal shares of trials.
 MOST_SHOWN, SHOWN = 12, 5
-#: Least relative range of a variable of the curve.
+#: Least relative range of a variable of the curve. Ours: below it, scatter would fix the slope.
 LEAST_RANGE = 0.005
 #: Number of cosines of nearness for a smooth curve of distance, and of parts of a campaign where
 #: visits are too few to be left out.

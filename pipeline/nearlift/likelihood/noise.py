@@ -33,22 +33,25 @@ from nearlift.likelihood.variance_components import (
 )
 from nearlift.results import IntArray, Noise, Observations
 
-#: Degrees of freedom from which they are printed as infinite.
+#: Degrees of freedom from which they are printed as infinite: Student's t is then normal to 1e-6.
 ENDLESS = 1e6
 #: Source of a noise that was estimated from repeats.
 REPEATS = "scatter of repeats"
 #: Size of a family of structure, as a fraction of lift; the scatter about the model where that is
-#: larger.
+#: larger. Ours: generous, so that structure never counts as noise.
 STRUCTURE = 0.01
 #: Variance, relative to the largest, below which a combination of unknowns is rounding.
 NEGLIGIBLE = 1e-13
-#: Number of smooth curves of distance; fewest trials of a free mean, and the most means.
+#: Number of smooth curves of distance; fewest trials of a free mean, and the most means. Ours: a
+#: mean of fewer leaves hardly any scatter, and more means cost time.
 SHAPES, REPEATED, MOST_MEANS = 6, 3, 400
 #: Factor on the usual size of heights and short drifts for a second start of the search.
+#: Ours: a mode at large sizes is then reached too; the likelihood decides.
 FAR = 30.0
 #: Number of times that outliers are winsorised (docs/decisions.md#one-noise-likelihood).
 PASSES = 2
-#: Last step in the logarithm of a size, before and after outliers are winsorised.
+#: Last step in the logarithm of a size, before and after outliers are winsorised. Ours: the
+#: first is only a start of the second.
 ROUGH_STEP, LAST_STEP = 0.1, 1e-6
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nearlift import derivative
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.flight import Ratio
@@ -21,8 +22,11 @@ RATIO_ERROR = 1.5e-7
 #: Largest error of an uncertainty, relative to itself, and to the largest in the table.
 UNCERTAINTY_ERROR, UNCERTAINTY_ERROR_OF_LARGEST = 0.05, 0.01
 FEWEST_PIECES, MOST_PIECES = 16, 2048
-#: Step in w of the finite differences that give slopes.
-STEP = 1e-5
+#: Size of w in `derivative.central`: at an end of the table, where differences are one-sided, the
+#: slope of a ratio that falls as 1 / z_hat^3 is then known to 1e-6.
+SIZE = 1e-3
+#: L / L_inf - 1 whose slope by these differences is rounding.
+NO_LIFT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,12 +93,19 @@ def lift_table(ratio: Ratio, drawn: Ratio, low: float, high: float) -> LiftTable
         with np.errstate(invalid="ignore", divide="ignore"):
             return lift(1 / w - 1)
 
+    def slopes(w: FloatArray, lift: Ratio = ratio) -> FloatArray:
+        """Derivatives by w, (draws, n)."""
+
+        def columns(w: FloatArray) -> FloatArray:
+            return np.atleast_2d(at(w.ravel(), lift)).T.reshape(*w.shape[:-1], -1)
+
+        change, apart = derivative.central(columns, w[:, None], SIZE, first, last)
+        return np.asarray(change[:, 0] / apart).T
+
     def spread(w: FloatArray) -> FloatArray:
-        up, down = np.minimum(w + STEP, last), np.maximum(w - STEP, first)
-        draws = at(np.concatenate([w, up, down]), drawn)
-        value, above, below = np.split(draws[np.isfinite(draws).all(axis=1)], 3, axis=1)
-        slope = (above - below) / (up - down) * -(w**2)
-        return np.stack([value.std(axis=0), slope.std(axis=0)])
+        value, slope = at(w, drawn), slopes(w, drawn) * -(w**2)
+        finite = np.isfinite(value).all(axis=1) & np.isfinite(slope).all(axis=1)
+        return np.stack([value[finite].std(axis=0), slope[finite].std(axis=0)])
 
     probe = np.linspace(first, last, 8 * MOST_PIECES + 1)
     truth = at(probe)
@@ -113,7 +124,7 @@ def lift_table(ratio: Ratio, drawn: Ratio, low: float, high: float) -> LiftTable
         missed = np.abs(middle - (nodes[:, 1:] + nodes[:, :-1]) / 2)
         largest = spreads.max(axis=1, keepdims=True)
         allowed = np.maximum(UNCERTAINTY_ERROR * middle, UNCERTAINTY_ERROR_OF_LARGEST * largest)
-        value, slope = at(w[::2]), _slope(at, w[::2]) * width
+        value, slope = at(w[::2]), slopes(w[::2])[0] * width
         table = LiftTable(
             low=low,
             high=high,
@@ -137,17 +148,10 @@ def lift_table(ratio: Ratio, drawn: Ratio, low: float, high: float) -> LiftTable
     )
 
 
-def _slope(at: Ratio, w: FloatArray) -> FloatArray:
-    """Derivative by w; one-sided at the ends, beyond which the model may have no value."""
-    inner = w[1:-1]
-    slope = np.empty_like(w)
-    slope[1:-1] = (at(inner + STEP) - at(inner - STEP)) / (2 * STEP)
-    for end, step in ((0, STEP), (-1, -STEP)):
-        one, two, three = at(w[end] + step * np.arange(3.0))
-        slope[end] = (-3 * one + 4 * two - three) / (2 * step)
-    return slope
-
-
 def _power(above: float, slope: float, high: float) -> float:
-    """Power of z_hat with which L / L_inf - 1, `above`, falls at `high`; `slope` is by w."""
-    return max(high * slope / (1 + high) ** 2 / above, -1.0) if above else 0.0
+    """Power of z_hat with which L / L_inf - 1, `above`, falls at `high`; `slope` is by w. It is 1
+    where `above` is rounding.
+    """
+    if abs(above) < NO_LIFT:
+        return 1.0
+    return max(high * slope / (1 + high) ** 2 / above, -1.0)
