@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ import pandas as pd
 from scipy.optimize import isotonic_regression
 from scipy.stats import chi2, ncx2
 from tests.calibration import forms
+from tests.calibration.assess import headline
 from tests.calibration.bench import stream
 from tests.calibration.kinds import Kind, Make, random_gain, trials, two_effects
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, log_lift, simulate
@@ -109,7 +111,8 @@ def assess(seed: int) -> Row:
         helps = confirmation.improves(problem, scored)
         if not (helps and confirmation.each_helps(problem, scored, named)):
             answer = answer.without_names()
-    doubts = adequacy.contradictions(problem, scored) if answer.verdict == "adequate" else ()
+    if answer.verdict == "adequate":
+        answer = replace(answer, contradicted=adequacy.contradictions(problem, scored))
     quoted = answers(answer).estimates().after[forms.HEADLINE[boundary]]
     return {
         "seed": seed,
@@ -119,7 +122,7 @@ def assess(seed: int) -> Row:
         "truth": list(campaign.truth.amplitudes),
         "rho": campaign.truth.rho,
         "power": power(campaign, problem),
-        "verdict": "unexplained" if doubts else answer.verdict,
+        "verdict": answer.verdict,
         "set": [e.effects for e in answer.accepted],
         "probabilities": [
             {
@@ -130,7 +133,7 @@ def assess(seed: int) -> Row:
             }
             for e in answer.probabilities
         ],
-        "covers": quoted.lo90 <= campaign.truth.theta[forms.HEADLINE[boundary]] <= quoted.hi90,
+        "covers": quoted.lo90 <= headline(campaign) <= quoted.hi90,
     }
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import chi2, t
 from tests.unit.simulated import campaign, restated
 
@@ -396,7 +397,7 @@ def test_a_prediction_takes_its_levels_from_its_own_trials(stage):
 
 
 def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
-    """The union over the accepted with their form uncertain and the best as it stands; wider with
+    """The mixture of the accepted with their form uncertain, and the best as it is; wider with
     every effect that was not named.
     """
     accepted = (tried["supply_sag"], tried["warm_up"])
@@ -407,13 +408,16 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     reach, found = t.ppf(0.95, answers.dof[0]), answers.estimates()
     assert 1 <= answers.dof[0] < stage.data.n
     members = [coefficients.spread(stage, e.fitted, e.form_discrepancy) for e in accepted]
-    (value,), (u,) = best = coefficients.spread(stage, accepted[0].fitted)
-    after = found.after["K_b"]
-    ends = [(v[0] - reach * s[0], v[0] + reach * s[0]) for v, s in (*members, best)]
-    assert (after.lo90, after.hi90) == pytest.approx(
-        (min(low for low, _ in ends), max(high for _, high in ends))
-    )
-    mean = np.average([v[0] for v, _ in members], weights=weigh.relative(stage, accepted))
+    (value,), (u,) = coefficients.spread(stage, accepted[0].fitted)
+    after, shares = found.after["K_b"], weigh.relative(stage, accepted)
+
+    def below(x):
+        return shares @ [t.cdf((x - v[0]) / s[0], answers.dof[0]) for v, s in members]
+
+    low, high = (brentq(lambda x, p=p: below(x) - p, 0.0, 9.0) for p in (0.025, 0.975))
+    assert after.lo90 == pytest.approx(min(low, value - reach * u))
+    assert after.hi90 == pytest.approx(max(high, value + reach * u))
+    mean = np.average([v[0] for v, _ in members], weights=shares)
     assert after.value == pytest.approx(mean)
     assert after.conditional == pytest.approx([value - reach * u, value + reach * u])
     nuisance = np.hstack(
@@ -431,7 +435,7 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
 
 def test_what_is_carried_where_nothing_has_a_name(stage):
     """The families flagged, curves that change with time, coefficients by throttle, each at the
-    size that its moments give.
+    size that its moments give, and its standard error.
     """
     answer = search.Answer(
         problem=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=()
@@ -462,7 +466,10 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     total = np.zeros((stage.data.n, stage.data.n))
     for columns in wanted:
         product = columns.T @ m @ columns
-        variance = (np.sum((columns.T @ m @ rest) ** 2) - np.trace(product)) / np.sum(product**2)
+        trace, energy = np.trace(product), np.sum(product**2)
+        variance = (np.sum((columns.T @ m @ rest) ** 2) - trace) / energy
+        # with its standard error
+        variance *= 1 + np.sqrt(2 * energy) / trace
         total += max(variance, 0.0) * columns @ columns.T
     assert np.abs(total).max() > 0
     assert unnamed @ unnamed.T == pytest.approx(total, rel=1e-4, abs=1e-6 * np.abs(total).max())

@@ -109,10 +109,10 @@ def test_membership_turns_where_the_margin_says(weights):
 def test_where_nothing_is_detected_each_effect_is_weighed_against_nothing(monkeypatch):
     monkeypatch.setattr(weigh, "LEAST_LISTED", 0.0)
     problem = answer().problem
-    listed = weigh.weigh(problem, problem.nothing_added[0], (), ())
+    listed = weigh.weigh(problem, problem.nothing_added[0], (), (), silent=True)
     chance = {e.effects: e.probability for e in listed if not e.nameless}
     effects = weigh.first_order(problem)
     assert len(chance) == 1 + len(effects)
     for name, value in effects.items():
-        log_odds = value / weigh.TEMPERATURE + weigh.log_odds(problem, 1)
+        log_odds = value / weigh.TEMPERATURE + weigh.log_odds(problem, 1) - weigh.LOG_SILENT_ODDS
         assert np.log(chance[name,] / chance[()]) == pytest.approx(log_odds)

@@ -9,16 +9,17 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from tests.unit import verdicts
 from tests.unit.simulated import campaign
 
 from nearlift import catalogue
-from nearlift.fit.estimator import Estimator
+from nearlift.fit.estimator import Estimator, ends
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import student
 from nearlift.report.phrases import coefficient_text
 from nearlift.results.document import typed
-from nearlift.results.quotation import Results, ends
+from nearlift.results.quotation import Results
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
 
@@ -154,7 +155,7 @@ def test_influence_is_what_the_fit_does_without_the_visit():
     data, model = campaign(7, visits=5), catalogue.model("sanchez_cuevas")
     found = fit(model, data)
     quoted = Estimator.from_fit(found).quoted(
-        0, [(float(found.theta[0]), float(found.estimates["K_b"].u))], "", []
+        0, [((1.0, float(found.theta[0]), float(found.estimates["K_b"].u)),)], "", []
     )
     shift = quoted.influence.visit
     again = fit(model, data.take(data.visit != int(shift.id)), (), found.noise)
@@ -165,17 +166,25 @@ def test_influence_is_what_the_fit_does_without_the_visit():
 
 
 def test_an_interval_ends_where_its_coefficient_does():
-    reach = {level: student.quantile(0.5 + level / 200, 50.0) for level in (68, 90, 95)}
-    found = ends([(0.005, 0.084)], reach, (0.0, 4.0))
+    found = ends([((1.0, 0.005, 0.084),)], 50.0, (0.0, 4.0))
     assert found["lo68"] == found["lo90"] == found["lo95"] == 0.0
-    assert found["hi90"] == pytest.approx(0.005 + reach[90] * 0.084)
-    endless = ends([(2.0, 0.1)], dict.fromkeys((68, 90, 95), math.inf), (-10.0, 20.0))
+    assert found["hi90"] == pytest.approx(0.005 + student.quantile(0.95, 50.0) * 0.084)
+    endless = ends([((1.0, 2.0, 0.1),)], 0.0, (-10.0, 20.0))
     assert (endless["lo90"], endless["hi90"]) == (-10.0, 20.0)
-    held = ends([(2.0, 0.0)], dict.fromkeys((68, 90, 95), math.inf), (-10.0, 20.0))
+    held = ends([((1.0, 2.0, 0.0),)], 0.0, (-10.0, 20.0))
     assert (held["lo90"], held["hi90"]) == (2.0, 2.0)
 
 
 def test_several_answers_are_one_interval():
-    reach = {68: 1.0, 90: 1.6, 95: 2.0}
-    found = ends([(1.0, 0.1), (2.0, 0.2)], reach, (-10.0, 20.0))
-    assert (found["lo90"], found["hi90"]) == pytest.approx((0.84, 2.32))
+    """Each tail of the mixture holds half of what a single answer's would."""
+    members = ((0.75, 1.0, 0.1), (0.25, 1.5, 0.2))
+    cut = ends([members], math.inf, (-10.0, 20.0))
+    for end, of_all in (("lo90", 0.05), ("hi90", 0.95), ("lo68", 0.16), ("hi95", 0.975)):
+        below = sum(p * norm.cdf((cut[end] - v) / u) for p, v, u in members)
+        tail = below if of_all < 0.5 else 1 - below
+        assert 2 * tail == pytest.approx(min(of_all, 1 - of_all), abs=1e-6)
+    twice = ends([((0.5, 1.0, 0.1), (0.5, 1.0, 0.1))], 9.0, (-10.0, 20.0))
+    assert twice["hi90"] == pytest.approx(1 + student.quantile(0.975, 9.0) * 0.1)
+    assert ends([((0.9, 1.0, 0.1), (0.1, 2.0, math.inf))], 9.0, (0.0, 20.0))["hi90"] == 20.0
+    both = ends([((1.0, 1.0, 0.1),), ((1.0, 2.0, 0.2),)], math.inf, (-10.0, 20.0))
+    assert (both["lo90"], both["hi90"]) == pytest.approx((0.8355, 2.3290), abs=1e-4)

@@ -42,7 +42,7 @@ def base_result(
         coefficients={
             name: estimator.quoted(
                 i,
-                [(float(fit.theta[i]), float(estimator.u[i]))],
+                [((1.0, float(fit.theta[i]), float(estimator.u[i])),)],
                 holds,
                 [*doubts[i], *shapes[name]],
             )

@@ -27,7 +27,6 @@ from nearlift.results.quotation import (
     Doubt,
     LargestShifts,
     Shift,
-    ends,
 )
 
 #: A source whose contribution and whose removal change an uncertainty by less than this fraction
@@ -95,28 +94,25 @@ class Estimator:
             z_hat=fit.problem.data.z_hat,
         )
 
-    def reach(self, i: int) -> dict[int, float]:
-        """Coverage factors of coefficient i by level in percent: Student's t, inf at 0 dof."""
-        return {level: student.quantile(0.5 + level / 200, float(self.dof[i])) for level in LEVELS}
-
     def quoted(
         self,
         i: int,
-        spans: Sequence[tuple[float, float]],
+        readings: Sequence[student.Mixture],
         holds: str,
         doubts: Sequence[Doubt],
         which: str = "",
         answers: int = 1,
     ) -> CoefficientResult:
-        """Result of coefficient i over `spans` of (value, u), this estimator's first; `which` is
-        the budget source by which several answers differ, `answers` their number.
+        """Result of coefficient i over `readings`, this estimator's first; `which` is the budget
+        source by which several answers differ, `answers` their number.
         """
-        parameter, reach = self.problem.model.parameters[i], self.reach(i)
+        parameter, dof = self.problem.model.parameters[i], float(self.dof[i])
         low, high = parameter.bounds
-        unbounded = ends(spans, reach, (-np.inf, np.inf))
+        unbounded = ends(readings, dof, (-np.inf, np.inf))
         # with several answers u follows from the width of the interval over all
-        several = len(spans) > 1 and np.isfinite(unbounded["hi90"] - unbounded["lo90"])
-        u = (unbounded["hi90"] - unbounded["lo90"]) / (2 * reach[90]) if several else spans[0][1]
+        width, u = unbounded["hi90"] - unbounded["lo90"], readings[0][0][2]
+        if (len(readings) > 1 or len(readings[0]) > 1) and np.isfinite(width):
+            u = width / (2 * student.quantile(0.95, dof))
         cut = [
             f"{bound:g}"
             for bound, beyond in ((low, unbounded["lo90"] < low), (high, unbounded["hi90"] > high))
@@ -126,9 +122,9 @@ class Estimator:
         return CoefficientResult(
             value=value,
             u=float(u),
-            dof=float(self.dof[i]),
+            dof=dof,
             unit=parameter.unit,
-            **ends(spans, reach, parameter.bounds),
+            **ends(readings, dof, parameter.bounds),
             holds=holds
             + "."
             + (f" Cut off at {' and '.join(cut)}, the bound of {parameter.name}." if cut else ""),
@@ -144,7 +140,8 @@ class Estimator:
 
     def doubt(self, i: int, condition: str, value: float, u: float) -> Doubt:
         """An alternative answer with the degrees of freedom of coefficient i."""
-        e = ends([(value, u)], self.reach(i), self.problem.model.parameters[i].bounds)
+        bounds = self.problem.model.parameters[i].bounds
+        e = ends([((1.0, value, u),)], float(self.dof[i]), bounds)
         return Doubt(condition=condition, value=value, lo90=e["lo90"], hi90=e["hi90"])
 
     def _budget(self, i: int, u: float, which: str) -> tuple[BudgetLine, ...]:
@@ -228,6 +225,17 @@ class Estimator:
             yield "free exponent of the lift ratio", value, u
         for _, value, u in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
             yield "constant power instead of constant throttle (exponent 2/3)", value, u
+
+
+def ends(
+    readings: Sequence[student.Mixture], dof: float, bounds: tuple[float, float]
+) -> dict[str, float]:
+    """Ends lo68 to hi95 of the interval over `readings` (`student.interval`), within `bounds`."""
+    cut: dict[str, float] = {}
+    for level in LEVELS:
+        low, high = np.clip(student.interval(level / 100, readings, dof), *bounds).tolist()
+        cut |= {f"lo{level}": low, f"hi{level}": high}
+    return cut
 
 
 def largest(

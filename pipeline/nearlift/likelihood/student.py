@@ -4,10 +4,14 @@ infinitely many (the normal).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from nearlift.declare import FloatArray
 
+#: Answers of which one is true: probability, value and standard uncertainty of each.
+Mixture = tuple[tuple[float, float, float], ...]
 #: Half of a normal's 90 % interval, in standard deviations.
 NORMAL_90 = 1.6448536269514722
 
@@ -19,6 +23,43 @@ def quantile(probability: float, dof: float) -> float:
     if dof == 0:
         return float("inf")
     return float(t.ppf(probability, dof) if np.isfinite(dof) else norm.ppf(probability))
+
+
+def interval(level: float, readings: Sequence[Mixture], dof: float) -> tuple[float, float]:
+    """Union of the intervals of mixtures at a level, 0 to 1."""
+    low, high = zip(*(_of_mixture(level, members, dof) for members in readings), strict=True)
+    return min(low), max(high)
+
+
+def _of_mixture(level: float, members: Mixture, dof: float) -> tuple[float, float]:
+    """Interval of a mixture.
+
+    A mean over models covers less than it states, since none of several may be exact. Its tails
+    are therefore halved.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import stdtr
+
+    share, value, u = np.array(members, dtype=float).T
+    share = share / share.sum()
+    tail = 0.5 * (1 - level) / min(len(share), 2)
+    reach, freedom, scale = quantile(1 - tail, dof), min(dof, 1e12) or 1.0, np.maximum(u, 1e-300)
+    half = np.multiply(reach, u, out=np.zeros_like(u), where=u > 0)
+
+    def end(of_each: FloatArray, probability: float) -> float:
+        """Root between the ends of the members' own intervals."""
+
+        def excess(x: float) -> float:
+            return float(share @ stdtr(freedom, (x - value) / scale)) - probability
+
+        low, high = float(of_each.min()), float(of_each.max())
+        if not np.isfinite([low, high]).all():
+            return low if probability < 0.5 else high
+        if excess(low) >= 0:
+            return low
+        return high if excess(high) <= 0 else float(brentq(excess, low, high))
+
+    return end(value - half, tail), end(value + half, 1 - tail)
 
 
 def several(dof: FloatArray) -> float:

@@ -21,6 +21,8 @@ from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
 from nearlift.results.outlook import SilentEffect
 
+#: Least probability with which a refused explanation is part of an `unexplained` interval.
+LEAST_REFUSED = 0.05
 #: Values and standard uncertainties of the coefficients, (p,) each.
 Pair = tuple[FloatArray, FloatArray]
 
@@ -89,7 +91,8 @@ class Answers:
         By the base fit alone.
     members : tuple of (str, pair of arrays)
         Accepted explanations with uncertain form, best first; else the base fit with residual
-        structure as random effects.
+        structure as random effects, and the explanations that were refused with a probability of
+        at least `LEAST_REFUSED`.
     weights : (m,)
         Relative probability of each member.
     conditional : pair of arrays
@@ -117,37 +120,38 @@ class Answers:
 
     @property
     def value(self) -> FloatArray:
-        """The values quoted: the mean over what the design cannot tell apart, so that nothing jumps
-        where two of them change places.
+        """The values quoted: the mean over rivals, so that nothing jumps where two of them change
+        places; the base fit's where nothing is named.
         """
+        if self.carried:
+            return self.members[0][1][0]
         return np.average([value for _, (value, _) in self.members], axis=0, weights=self.weights)
 
-    def spans(self, i: int) -> list[tuple[float, float]]:
-        """Value and standard uncertainty of coefficient i by every answer, the best with its form
-        uncertain first.
-        """
-        pairs = dict.fromkeys(
-            (float(v[i]), float(u[i]))
-            for v, u in (*(pair for _, pair in self.members), self.conditional)
+    def readings(self, i: int) -> list[student.Mixture]:
+        """Coefficient i over all members, and by the best answer if that is exactly true."""
+        value, u = self.conditional
+        over_all = tuple(
+            (float(p), float(v[i]), float(s[i]))
+            for p, (_, (v, s)) in zip(self.weights, self.members, strict=True)
         )
-        return list(pairs)
+        return [*dict.fromkeys([over_all, ((1.0, float(value[i]), float(u[i])),)])]
 
     def estimates(self) -> LoopCoefficients:
         """The coefficients without and with the named effects."""
         before, after = {}, {}
         for i, name in enumerate(self.names):
-            reach = student.quantile(0.95, float(self.dof[i]))
+            dof = float(self.dof[i])
 
-            def about(value: float, u: float, reach: float = reach) -> tuple[float, float]:
-                return value - reach * u, value + reach * u
+            def about(value: float, u: float, dof: float = dof) -> tuple[float, float]:
+                return student.interval(0.9, [((1.0, value, u),)], dof)
 
             low90, high90 = about(self.before[0][i], self.before[1][i])
             before[name] = LoopEstimate(value=self.before[0][i], lo90=low90, hi90=high90)
-            all_of_them = [about(v, u) for v, u in self.spans(i)]
+            low90, high90 = student.interval(0.9, self.readings(i), dof)
             after[name] = LoopEstimate(
                 value=self.value[i],
-                lo90=min(low for low, _ in all_of_them),
-                hi90=max(high for _, high in all_of_them),
+                lo90=low90,
+                hi90=high90,
                 conditional=about(self.conditional[0][i], self.conditional[1][i]),
                 constrained=about(self.constrained[0][i], self.constrained[1][i]),
             )
@@ -178,6 +182,17 @@ def answers(answer: Answer) -> Answers:
     fits = [(e.name, e.fitted, e.form_discrepancy) for e in answer.accepted] or [
         ("", problem.base_fit, unnamed)
     ]
+    weights = weigh.relative(problem, answer.accepted) if answer.accepted else np.ones(1)
+    if carried:
+        refused = [
+            (e, p.probability)
+            for p in answer.probabilities
+            for e in (*answer.singles, *answer.pairs)
+            if p.effects == e.effects and p.probability >= LEAST_REFUSED
+        ]
+        fits += [(e.name, e.fitted, e.form_discrepancy) for e, _ in refused]
+        shares = np.array([p for _, p in refused])
+        weights = np.r_[1 - shares.sum(), shares]
     known = [known_by(fitted, form_discrepancy) for _, fitted, form_discrepancy in fits]
     members = tuple((name, coefficients(k)) for (name, _, _), k in zip(fits, known, strict=True))
     chosen = answer.accepted[0].effects if answer.accepted else ()
@@ -193,7 +208,7 @@ def answers(answer: Answer) -> Answers:
         dof=np.full(p, few_visits.freedom(problem)) if problem.independent else _freedom(problem),
         before=coefficients(known_by(problem.base_fit)),
         members=members,
-        weights=weigh.relative(problem, answer.accepted) if answer.accepted else np.ones(1),
+        weights=weights,
         conditional=members[0][1] if carried or problem.independent else exactly,
         constrained=constrained,
         carried=carried,

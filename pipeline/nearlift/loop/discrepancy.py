@@ -7,8 +7,9 @@ that change with time are added.
 
 The coefficients of a family share one variance s^2, by the method of moments, ``E |W'r|^2 = |W|^2 +
 s^2 |W'W|^2`` (Frobenius norms). W are its whitened columns with L_inf and model coefficients
-projected out, r is the whitened residual. A negative estimate counts as zero. Families overlap, and
-each is sized as if alone, which errs on the wide side.
+projected out, r is the whitened residual. A family of few directions shows its variance poorly: its
+standard error, ``s^2 (2 |W'W|^2)^(1/2) / |W|^2``, is added. A negative estimate counts as zero.
+Families overlap, and each is sized as if alone.
 """
 
 from __future__ import annotations
@@ -55,13 +56,17 @@ def _sized(problem: SearchProblem, family: FloatArray) -> FloatArray:
     """A family's columns times the standard deviation of its coefficients; none where it is 0."""
     jacobian = orthonormal(problem.base_fit.jacobian)
     white = problem.space.project(family.T).T
-    variance = _variance(white - jacobian @ (jacobian.T @ white), problem.base_fit.residual)
-    return family * np.sqrt(variance) if variance > 0 else family[:, :0]
+    variance, error = _variance(white - jacobian @ (jacobian.T @ white), problem.base_fit.residual)
+    return family * np.sqrt(variance + error) if variance > 0 else family[:, :0]
 
 
-def _variance(white: FloatArray, residual: FloatArray) -> float:
-    """Their variance by moments, from whitened columns (n, k) and residual (n,), or below 0."""
+def _variance(white: FloatArray, residual: FloatArray) -> tuple[float, float]:
+    """Their variance by moments, from whitened columns (n, k) and residual (n,), and its standard
+    error; the variance may be negative.
+    """
     product = white.T @ white
-    energy = float(np.sum(product**2))
-    excess = float(np.sum((white.T @ residual) ** 2)) - float(np.trace(product))
-    return excess / energy if energy > 0 else 0.0
+    energy, trace = float(np.sum(product**2)), float(np.trace(product))
+    if energy == 0:
+        return 0.0, 0.0
+    variance = (float(np.sum((white.T @ residual) ** 2)) - trace) / energy
+    return variance, variance * float(np.sqrt(2 * energy)) / trace

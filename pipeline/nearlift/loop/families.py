@@ -138,11 +138,15 @@ def families(data: Observations) -> tuple[Hypothesis, ...]:
         every += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
     if varies(data, "tilt_rad"):
         every.append(Hypothesis("tilt", "tilt", times(powers(known["tilt_rad"], 2), closeness)))
-    for name in sorted(known.keys() - SPOKEN_FOR):
-        if varies(data, name):
-            every.append(Hypothesis(name, name, powers(known[name], degree)))
+    for name in _others(data):
+        every.append(Hypothesis(name, name, powers(known[name], degree)))
     kept = [f for f in every if 0 < f.columns.shape[1] <= most and tells(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
+
+
+def _others(data: Observations) -> list[str]:
+    """Logged covariates that vary and are not among `SPOKEN_FOR`."""
+    return [k for k in sorted(data.covariates.keys() - SPOKEN_FOR) if varies(data, k)]
 
 
 def tells(columns: FloatArray, data: Observations) -> bool:
@@ -177,8 +181,8 @@ def moving(data: Observations) -> Hypothesis:
 
 
 def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> list[Hypothesis]:
-    """Curves of distance that change with session, supply or temperature, and the traverse's last
-    move, as a direction and as a log ratio of distances.
+    """Curves of distance that change with session, supply or temperature, forces by tilt and other
+    covariates, and the traverse's last move, as a direction and as a log ratio of distances.
     """
     known, curves = data.covariates, []
     if 0 < data.session.max() < LARGEST // shape.shape[1]:
@@ -188,6 +192,10 @@ def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> lis
         if varies(data, name):
             bent = times(shape, powers(known[name], 1))
             curves.append(Hypothesis(f"distance x {covariate}", covariate, bent))
+    tilt = [("tilt_rad", "tilt")] if varies(data, "tilt_rad") else []
+    for name, covariate in (*tilt, *((k, k) for k in _others(data))):
+        forced = powers(known[name], 2) * additive
+        curves.append(Hypothesis(f"{covariate}, additive", covariate, forced))
     before = known["previous_z_hat"]
     moved = (before > 0) & (before != data.z_hat)
     last = np.maximum.accumulate(np.where(moved, np.arange(data.n), -1))

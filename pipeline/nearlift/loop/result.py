@@ -78,15 +78,15 @@ def result(
     )
     doubts = estimator.doubts()
     which = (
-        f"choice between {len(answer.accepted)} explanations"
-        if len(answer.accepted) > 1
+        f"choice between {len(answers.members)} explanations"
+        if len(answers.members) > 1
         else "shift by the form"
     )
     coefficients = {}
     for i, name in enumerate(answers.names):
         coefficients[name] = estimator.quoted(
             i,
-            answers.spans(i),
+            answers.readings(i),
             _holds(answer, answers),
             [*_doubts(estimator, answer, answers, i), *doubts[i]],
             which,
@@ -175,7 +175,7 @@ def _holds(answer: Answer, answers: Answers) -> str:
     if named and not problem.independent:
         corrections = " and ".join(named)
         errors.append(f"the uncertainty of the {corrections} correction")
-    if len(answer.accepted) > 1:
+    if len(answers.members) > 1:
         errors.append("the choice between rivals")
     included = f"Includes {', '.join(errors[:-1])}{' and ' if errors[1:] else ''}{errors[-1]}"
     if answers.carried or (named and not problem.independent):
@@ -201,6 +201,8 @@ def _doubts(estimator: Estimator, answer: Answer, answers: Answers, i: int) -> l
         listed += [
             at(f"{name} instead of {best}", pair, name) for name, pair in answers.members[1:]
         ]
+    if answers.carried:
+        listed += [at(f"{name} as the explanation", pair) for name, pair in answers.members[1:]]
     if answer.verdict != "adequate":
         listed.append(at("base model without any effect", answers.before))
     listed.append(at("every undetected effect at its plausible size", answers.constrained))

@@ -145,7 +145,8 @@ class Answer:
     def probabilities(self) -> tuple[ExplanationProbability, ...]:
         """Probabilities of everything that was weighed; they sum to 1."""
         tried = (*self.singles, *self.pairs)
-        return weigh.weigh(self.problem, self.first, tried, self.allowed if self.accepted else ())
+        allowed, silent = self.allowed if self.accepted else (), self.verdict == "adequate"
+        return weigh.weigh(self.problem, self.first, tried, allowed, silent)
 
     @property
     def nameless_is_likeliest(self) -> bool:

@@ -29,8 +29,8 @@ from nearlift.results.diagnosis import ExplanationProbability
 TEMPERATURE = 1.25
 #: Log prior odds over nothing of nameless structure; those of a second effect over none.
 LOG_NAMELESS_ODDS, LOG_SECOND_ODDS = float(np.log(0.03)), -1.0
-#: Log odds of nothing once the test is significant, over those while it is silent.
-LOG_DETECTED_ODDS = -1.0
+#: Log odds of nothing while the test is silent, and once it is significant.
+LOG_SILENT_ODDS, LOG_DETECTED_ODDS = 2.0, -2.0
 #: Share of explanations that is true: of those that may be named, since structure outside the
 #: library can imitate an effect; and where none may be named, since misfit of form and bounds
 #: refuse both wrong effects and right ones of another form.
@@ -179,16 +179,18 @@ def weigh(
     first: Structure,
     tried: Sequence[Explanation],
     allowed: Sequence[Explanation],
+    silent: bool,
 ) -> tuple[ExplanationProbability, ...]:
     """Probabilities of nothing, each explanation, and nameless structure along each covariate.
 
     `first` is the test on the base model, `tried` are all explanations, and `allowed` those that
-    may be named. The likeliest are first; those below `LEAST_LISTED` are summed at the end.
+    may be named. Trials are `silent` if no test shows structure. The likeliest are first; those
+    below `LEAST_LISTED` are summed at the end.
     """
-    terms = _unnamed(problem, first)
+    terms = _unnamed(problem, first, LOG_SILENT_ODDS if silent else LOG_DETECTED_ODDS)
     if not first.present:
-        nothing, odds = terms[0][1], log_odds(problem, 1)
-        effects = first_order(problem).items()
+        nothing = problem.nothing_added[1] / TEMPERATURE if not problem.independent else 0.0
+        odds, effects = log_odds(problem, 1), first_order(problem).items()
         terms += [(((name,), ""), nothing + v / TEMPERATURE + odds) for name, v in effects]
     else:
         terms += _explained(problem, first, allowed or tried, bool(allowed))
@@ -206,9 +208,8 @@ def weigh(
     return tuple(kept)
 
 
-def _unnamed(problem: SearchProblem, first: Structure) -> list[Term]:
-    """Nothing first, then nameless structure along each covariate."""
-    odds = LOG_DETECTED_ODDS if first.present else 0.0
+def _unnamed(problem: SearchProblem, first: Structure, odds: float) -> list[Term]:
+    """Nothing first, with these log odds, then nameless structure along each covariate."""
     if problem.independent:
         # scores on visits left out are relative to the base model's, and families have none
         foremost = next(iter(first.foremost()), "distance")

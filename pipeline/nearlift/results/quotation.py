@@ -6,7 +6,8 @@ coefficient of a campaign prints it from here. The rule of quotation, by verdict
 
 :adequate: The base fit at the loop's noise.
 :effect: Over the named effects and their rivals, their form uncertain.
-:unexplained: The base fit, with structure that has no name as a random discrepancy.
+:unexplained: Over the base fit with structure that has no name as a random discrepancy, and the
+    refused explanations that are not improbable.
 :not_diagnosed: The base fit at the scatter of repeats.
 
 Numbers are in each coefficient's own unit. A coefficient's interval ends where its declared range
@@ -275,27 +276,3 @@ class Results:
 
     schema: str = "nearlift.results/1"
     boundaries: Mapping[Boundary, BoundaryResult]
-
-
-def ends(
-    spans: Sequence[tuple[float, float]], reach: Mapping[int, float], bounds: tuple[float, float]
-) -> dict[str, float]:
-    """Union of the intervals ``value ± reach u`` of each level, within `bounds`: lo68, hi68, and so
-    on.
-
-    Parameters
-    ----------
-    spans : sequence of (float, float)
-        Value and standard uncertainty of every answer that may be right.
-    reach : mapping of int to float
-        Standard uncertainties to either side, by level in percent; infinite where repeats tell
-        nothing.
-    bounds : (float, float)
-    """
-    low, high = bounds
-    interval = {}
-    for level in LEVELS:
-        halves = [(value, reach[level] * u if u > 0 else 0.0) for value, u in spans]
-        interval[f"lo{level}"] = float(min(max(min(v - half for v, half in halves), low), high))
-        interval[f"hi{level}"] = float(max(min(max(v + half for v, half in halves), high), low))
-    return interval
