@@ -43,7 +43,7 @@ def facts(evidence: Evidence) -> Markup:
     intro = (
         "Δ score: log predictive density of each visit, predicted from all others, less the base"
         " model's. A difference counts if it exceeds twice its u. The base model's coefficients"
-        " are the quoted ones."
+        " are the quoted ones, its scores those of the fit without effects."
     )
     return blocks.join(blocks.paragraph(intro), *parts)
 
