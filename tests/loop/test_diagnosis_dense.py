@@ -134,7 +134,9 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
         for reading, form_discrepancy in readings(stage, e):
             known, c = precision(stage, form_discrepancy), slopes[:, :p]
             known = known - known @ c @ np.linalg.solve(c.T @ known @ c, c.T @ known)
-            told = np.einsum("ij,ik,kj->j", slopes, known, slopes) * np.square(sd)
+            # coefficients have no prior, and nothing is left of their slopes
+            prior = np.where(np.isfinite(sd), sd, 0.0)
+            told = np.einsum("ij,ik,kj->j", slopes, known, slopes) * np.square(prior)
             vague = own[told[own] > stage.data.n]
             narrow = np.setdiff1d(own, vague)
             asked_by_priors |= {(e.name, i) for i in narrow.tolist()}

@@ -172,8 +172,11 @@ def test_titles_stand_within_a_sentence():
 
 
 def test_probabilities_have_their_prior_odds_where_there_are_any(evidence, quoted):
-    odds = f"{np.exp(weigh.LOG_NAMELESS_ODDS):.2g} for structure without a known cause."
-    assert phrases.PRIOR_ODDS.endswith(odds)
+    silent, detected, nameless = np.exp(
+        [weigh.LOG_SILENT_ODDS, weigh.LOG_DETECTED_ODDS, weigh.LOG_NAMELESS_ODDS]
+    )
+    assert f"{nameless:.2g} for structure without a known cause." in phrases.PRIOR_ODDS
+    assert f"No effect has {silent:.2g}, or {detected:.2g} once" in phrases.PRIOR_ODDS
     diagnosed = quoted.verdict != "not_diagnosed"
     assert (phrases.PRIOR_ODDS in flat(methods.markdown(evidence).decode())) == diagnosed
 
