@@ -106,7 +106,7 @@ def find(name: str, among: Iterable[T], kind: str) -> T:
     if name in known:
         return known[name]
     near = difflib.get_close_matches(name, known, n=3)
-    remedy = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(known)}"
+    remedy = f"did you mean {' or '.join(near)}?" if near else "`nearlift describe` lists them"
     raise UsageError(kind, f"there is no {kind} {name!r}", remedy)
 
 

@@ -46,6 +46,8 @@ def test_unknown_name_proposes_the_nearest():
         ),
     ):
         describe("sanches_cuevas")
+    with pytest.raises(UsageError, match=r"'nosuch'\n  `nearlift describe` lists them$"):
+        describe("nosuch")
 
 
 def test_names_of_all_kinds_are_distinct():
