@@ -9,6 +9,7 @@ deviates from the curve by what that model leaves.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue, derivative
-from nearlift.declare import Boundary, Effect, FloatArray, IntArray, LiftModel, compose
+from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import lift_ratio
 from nearlift.report.evidence import Evidence, lift_inf_N, where
@@ -158,22 +159,25 @@ def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Cur
     """The base fit at recorded distances, with its height error.
 
     It is the pointwise median and 90 % of the posterior, or least squares with the band of its
-    covariance. Do not write to its arrays: figures, charts and words ask for the same curve, which
-    is made once.
+    covariance.
     """
-    asked = boundary, z_hat.tobytes()
-    if asked not in evidence.curves:
-        # cells of several throttles share their distances
-        places, index = np.unique(z_hat, return_inverse=True)
-        evidence.curves[asked] = _base_curve(evidence, boundary, places, index)
-    return evidence.curves[asked]
+    # cells of several throttles share their distances
+    places, index = np.unique(z_hat, return_inverse=True)
+    curve = _base_curve(evidence, boundary, places.tobytes())
+    return Curve(
+        middle=curve.middle[index],
+        low=curve.low[index],
+        high=curve.high[index],
+        least_squares=curve.least_squares[index],
+    )
 
 
-def _base_curve(
-    evidence: Evidence, boundary: Boundary, z_hat: FloatArray, index: IntArray
-) -> Curve:
+@functools.lru_cache(maxsize=64)
+def _base_curve(evidence: Evidence, boundary: Boundary, distances: bytes) -> Curve:
+    """The curve at the distances of these bytes: figures, charts and words ask for the same one."""
     model, fit = evidence.base(boundary)
     known = evidence.known(boundary, model)
+    z_hat = np.frombuffer(distances)
     z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
     values = {**known, **fit.values}
     plain = ratio(model, z_hat, values) - 1
@@ -184,7 +188,7 @@ def _base_curve(
     low, middle, high = drawn
     if endless(fit):
         low = high = np.full_like(middle, np.nan)
-    return Curve(middle=middle[index], low=low[index], high=high[index], least_squares=plain[index])
+    return Curve(middle=middle, low=low, high=high, least_squares=plain)
 
 
 def posterior_quantiles(
@@ -243,6 +247,7 @@ def _quantile90(fit: ModelFit) -> float:
 # what is quoted
 
 
+@functools.lru_cache(maxsize=3)
 def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     """The model whose curve belongs to the cells."""
     base, fit = evidence.base(boundary)
@@ -320,6 +325,7 @@ def _quoted_covariance(quoted: BoundaryResult, free: list[str]) -> ParameterCova
     return ParameterCovariance.named(free, np.outer(u, u) * correlation)
 
 
+@functools.lru_cache(maxsize=3)
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     """Every cell's lift over the L_inf of the model that is drawn."""
     drawn, data = quoted_model(evidence, boundary), evidence.observations[boundary]

@@ -28,7 +28,6 @@ from nearlift.stages.simulate import SAFETY
 
 if TYPE_CHECKING:
     from nearlift.flight.fitted import SafetyResult
-    from nearlift.report.curves import Curve
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Columns = dict[str, NDArray[Any]]
@@ -38,9 +37,10 @@ Rows = Mapping[str, NDArray[Any]]
 Part = dict[str, Any]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """The products that exist, and what is needed to read them.
+    """The products that exist, and what is needed to read them; hashed by identity, so that what is
+    made of it can be cached.
 
     Attributes
     ----------
@@ -62,8 +62,6 @@ class Evidence:
     folder : str
         Name of the campaign's folder.
     seed : int
-    curves : dict of (Boundary, bytes) to Curve
-        Base curves that were drawn, by boundary and the bytes of their distances.
     """
 
     campaign: Campaign
@@ -76,9 +74,6 @@ class Evidence:
     versions: Mapping[str, str] = field(default_factory=dict)
     folder: str = ""
     seed: int = 0
-    curves: dict[tuple[Boundary, bytes], Curve] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
 
     def has(self, *products: Product) -> bool:
         """Whether all these products exist; a table without rows is none."""

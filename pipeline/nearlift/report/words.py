@@ -5,11 +5,11 @@ Page, summary, methods, captions and messages take their sentences from here.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
@@ -79,12 +79,12 @@ class Brief:
     evidence: Evidence
     boundary: Boundary
 
-    @cached_property
+    @functools.cached_property
     def quoted(self) -> BoundaryResult:
         """The result to quote."""
         return self.evidence.quoted(self.boundary)
 
-    @cached_property
+    @functools.cached_property
     def diagnosis(self) -> BoundaryDiagnosis | None:
         """The loop's findings; None where the boundary could not be diagnosed."""
         return self.evidence.diagnosed(self.boundary)
@@ -94,7 +94,7 @@ class Brief:
         """The first coefficient to quote."""
         return self.quoted.coefficients.get(self.quoted.headline)
 
-    @cached_property
+    @functools.cached_property
     def unstated(self) -> list[PlausibleError]:
         """Errors of inputs without a stated uncertainty, the largest first."""
         return undeclared(self.evidence, self.boundary)
@@ -536,6 +536,7 @@ class Brief:
         return [text + (f": {titles([*untestable])} {become} testable" if untestable else "")]
 
 
+@functools.lru_cache(maxsize=1)
 def briefs(evidence: Evidence) -> list[Brief]:
     """Sentences about every boundary."""
     return [Brief(evidence, b) for b in evidence.boundaries]

@@ -28,6 +28,7 @@ PROGRAMS = {"NumPy": "numpy", "SciPy": "scipy", "Matplotlib": "matplotlib"}
 PLAIN = {r"\hat z": "ẑ", r"\Delta": "Δ", r"_\infty": "∞", **GREEK, "$": ""}
 
 
+@functools.lru_cache(maxsize=1)
 def markdown(evidence: Evidence) -> bytes:
     """methods.md: design, reduction, fits, loop, results and programs, a paragraph each, in
     pandoc's Markdown: ``$K_b$``, ``[@key]``.

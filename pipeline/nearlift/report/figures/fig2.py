@@ -5,6 +5,7 @@ Below, Delta L less the curve. Cells and curve are those of `curves`.
 
 from __future__ import annotations
 
+import functools
 import math
 import textwrap
 from collections.abc import Mapping
@@ -111,6 +112,7 @@ def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
     return [r for r, model in known if model.boundary == boundary and (several or not model.needs)]
 
 
+@functools.lru_cache(maxsize=1)
 def table(evidence: Evidence) -> pd.DataFrame:
     """Everything that is drawn, a row each.
 
