@@ -40,9 +40,8 @@ def test_both_ways_give_the_bits_of_float(texts: list[str], separator: str) -> N
     rows = "".join(t + (f"{separator}7" if separator else "") + "\n" for t in texts)
     one = table.Layout(separator=separator, names=names, first=2)
     lines = table.Lines(body=rows.encode(), where="f", line=2)
-    by_arrow = table.by_arrow(lines, one, [0])
-    assert by_arrow is not None
-    for found, _ in (by_arrow, table.by_line(lines, one, [0])):
+    for reading in (table.parse, table.by_line):
+        found, _ = reading(lines, one, [0])
         np.testing.assert_array_equal(found[0].view(np.int64), want.view(np.int64))
 
 

@@ -220,7 +220,7 @@ Columns = tuple[list[FloatArray], list[list[str]]]
 def parse(
     rows: Lines, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
 ) -> Columns:
-    """The columns of these indices, as numbers and as texts.
+    """The columns of these indices, as numbers and as texts, by pyarrow where it reads every line.
 
     Raises
     ------
@@ -228,19 +228,11 @@ def parse(
         A line has too few or too many cells or holds NUL. Or a cell of `numbers` is no number, or
         the bytes are no UTF-8. The refusal names the line.
     """
-    columns = None if b"\0" in rows.body else by_arrow(rows, layout, numbers, texts)
-    return by_line(rows, layout, numbers, texts) if columns is None else columns
-
-
-def by_arrow(
-    rows: Lines, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
-) -> Columns | None:
-    """The columns by pyarrow; None where it does not read every line."""
     import pyarrow as pa
     import pyarrow.csv as pc
 
-    if layout.thousands:
-        return None
+    if layout.thousands or b"\0" in rows.body:
+        return by_line(rows, layout, numbers, texts)
     body, separator, quote = rows.body, layout.separator, '"'
     if separator == BLANKS:
         cells = (filter(None, line.split(b" ")) for line in body.replace(b"\t", b" ").split(b"\n"))
@@ -270,12 +262,12 @@ def by_arrow(
         )
         words = [[str(cell or "").strip() for cell in table[f"c{i}"].to_pylist()] for i in texts]
     except (pa.ArrowInvalid, UnicodeDecodeError):
-        return None
+        return by_line(rows, layout, numbers, texts)
     # a quote without its other half may swallow lines
     if quotes := body.count(b'"'):
         lines_of_text = sum(map(bool, map(bytes.strip, body.split(b"\n"))))
         if quotes % 2 or table.num_rows != lines_of_text:
-            return None
+            return by_line(rows, layout, numbers, texts)
     arrays = [floats(table[f"c{i}"].combine_chunks()) for i in numbers]
     return [np.where(np.isfinite(values), values, np.nan) for values in arrays], words
 

@@ -33,7 +33,8 @@ LONGEST_RUN, LARGEST_SHARE = 5, 0.05
 #: Robust standard deviations from the median from which on a reading is impossible, such as a
 #: converter's error code, where such readings come one by one and are no larger a share of all.
 IMPOSSIBLE, IMPOSSIBLE_SHARE = 20.0, 0.2
-#: Noise, in steps of the converter, that half of the samples on one code may hide.
+#: Noise, in steps of the converter, that half of the samples on one code may hide; of a block's
+#: mean the less by the root of its samples.
 HIDDEN = 0.74
 #: How far beyond one block's limit a long segment must be, being the best of many: the largest
 #: of 54,000 clean tares of 100 to 2000 samples, white with half as much noise of memory 0.9, was
@@ -126,7 +127,7 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     smaller a change shows. The noise about the two levels leaves out the two blocks that fit worst,
     in which the segment may begin and end.
     """
-    means, noise = blocks(values), _hidden(values, step)
+    means, noise = blocks(values), HIDDEN * step / math.sqrt(_length(len(values)))
     n = len(means)
     if n < FEWEST_BLOCKS:
         return 0.0, False
@@ -181,7 +182,7 @@ def ends_apart(values: FloatArray, step: float) -> float:
     """By how much the first or the last block differs from the median one, where that is more than
     the noise between neighbours; else 0.
     """
-    means, noise = blocks(values), _hidden(values, step)
+    means, noise = blocks(values), HIDDEN * step / math.sqrt(_length(len(values)))
     if len(means) < FEWEST_BLOCKS:
         return 0.0
     apart = float(np.abs(means[[0, -1]] - median(means)).max())
@@ -195,7 +196,7 @@ def wander(values: FloatArray, means: FloatArray, step: float) -> float:
     A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes
     for noise.
     """
-    n, noise = len(means), _hidden(values, step)
+    n, noise = len(means), HIDDEN * step / math.sqrt(_length(len(values)))
     if n < FEWEST_BLOCKS or len(values) < n * SHORTEST_BLOCK:
         return 0.0
     curves = _cubic(n)
@@ -231,11 +232,6 @@ def blocks(values: FloatArray) -> FloatArray:
     # what `mean` does, without looking at its arguments
     sums: FloatArray = np.add.reduce(values[: number * length].reshape(number, length), axis=1)
     return sums / length
-
-
-def _hidden(values: FloatArray, step: float) -> float:
-    """Scatter of a block's mean that a converter's step may hide."""
-    return HIDDEN * step / math.sqrt(_length(len(values)))
 
 
 def _length(n: int) -> int:
