@@ -128,7 +128,7 @@ def test_stamps_in_whole_seconds_are_no_clock_of_samples(tmp_path: Path) -> None
     path = tmp_path / "a.csv"
     path.write_text("time,force\n" + "".join(f"12:00:{i // 80:02d},{i % 7}\n" for i in range(400)))
     found = inspect(path)
-    assert "80 rows to each 1 s: it is too coarse" in found.contents.notes[-1]
+    assert "80 rows to each 1 s: it is too coarse" in found.shared_stamps
     assert "\ntime" not in block(found)
 
 
