@@ -359,7 +359,7 @@ BODY = """## The number to quote
 
 90 % intervals of `results.json` that hold the coefficient, by kind of campaign and verdict, in the {n} campaigns of [calibration](calibration.md): count, 95 % limits of the share, and median width over that
 of a fit with the true model and covariance. The engine is that of 2026-11-26.
-Of 675 campaigns of 400 trials today's intervals hold 86 % where *adequate* or *effect*, 77 % where *unexplained* ([Probabilities](calibration.md#probabilities)).
+Of 675 campaigns of 400 trials the next day's intervals hold 86 % where *adequate* or *effect*, 77 % where *unexplained* ([Probabilities](calibration.md#probabilities)).
 
 {verdicts}
 Structures outside the library: how many make a claim, how many get a name, and how often the interval holds the coefficient.
