@@ -317,7 +317,9 @@ class SearchProblem:
         if any(inside):
             log[np.logical_not(inside)] = -np.inf
         best = judged[int(log.argmax())]
-        other_forms = float(np.logaddexp.reduce(log) - log.max() - np.log(len(log)))
+        other_forms = -float(np.log(len(log)))
+        if np.isfinite(log.max()):  # no form has evidence where lift scatters over decades
+            other_forms += float(np.logaddexp.reduce(log) - log.max())
         other_forms += sum(e.evidence.other_forms for e in without)
         evidence = dataclasses.replace(best.evidence, other_forms=other_forms)
         return self.tested(dataclasses.replace(best, evidence=evidence))
