@@ -343,13 +343,9 @@ def test_what_the_bench_cannot_do_is_not_proposed():
         both = [p for p in menu if "both directions" in p.text]
         assert bool(both) is allowed
         assert all(set(p.added.covariates["approach"].tolist()) == {-1.0, 1.0} for p in both)
-        said = [
-            text
-            for n in separation.next_experiment(answered.problem, answered)
-            for text in (n.measure, *(a.measure for a in n.alternatives))
-        ]
+        said = [n.measure for n in separation.next_experiment(answered.problem, answered)]
         assert said
-        assert any("closer" in text for text in said) is allowed
+        assert allowed or not any("closer" in text for text in said)
     assert all(
         p.added.z_hat.max() <= data.z_hat.max()
         for p in separation.menu(answer.problem.data, ("farther",))

@@ -16,7 +16,7 @@ from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
 from nearlift.results.diagnosis import CoefficientLimit
-from nearlift.results.outlook import Alternative, NextExperiment, NextSession
+from nearlift.results.outlook import NextExperiment, NextSession
 
 #: Non-centrality at which a rival drops out of the answer: the bound for rivals, and a margin for
 #: scatter.
@@ -177,8 +177,7 @@ def next_experiment(problem: SearchProblem, answer: Answer) -> tuple[NextSession
             whole = join(problem.data, proposal.added)
             gain = parted(problem, whole, best.fitted.point, rival.fitted.point) - now
             ranked.append((gain / proposal.added.n, proposal))
-        ranked.sort(key=lambda item: -item[0] * item[1].worth)
-        rate, proposal = ranked[0]
+        rate, proposal = max(ranked, key=lambda item: item[0] * item[1].worth)
         if rate < POINTLESS:
             continue
         wanted = max(APART - now, 0.0)
@@ -189,10 +188,6 @@ def next_experiment(problem: SearchProblem, answer: Answer) -> tuple[NextSession
                 trials=proposal.added.n,
                 expected_evidence=rate * proposal.added.n,
                 trials_to_separate=int(np.ceil(wanted / rate)),
-                alternatives=tuple(
-                    Alternative(measure=p.text, expected_evidence=r * p.added.n)
-                    for r, p in ranked[1:4]
-                ),
             )
         )
     return tuple(experiments)

@@ -123,14 +123,6 @@ class EffectOutlook:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Alternative:
-    """Another session that would distinguish two explanations."""
-
-    measure: str
-    expected_evidence: Real
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class NextExperiment:
     """Experiment that distinguishes two explanations."""
 
@@ -145,4 +137,3 @@ class NextSession(NextExperiment):
     trials: int
     expected_evidence: Real
     trials_to_separate: int
-    alternatives: tuple[Alternative, ...]

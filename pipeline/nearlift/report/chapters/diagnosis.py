@@ -187,7 +187,7 @@ def _candidates(place: Place, diagnosis: BoundaryDiagnosis) -> list[tuple[object
 
 
 def _next(at: Place) -> Markup:
-    """An experiment that would distinguish, with its cost and alternatives."""
+    """An experiment that would distinguish, with its cost."""
     n = at.content
     cost = ""
     if n.get("trials") and n.get("expected_evidence"):
@@ -195,17 +195,10 @@ def _next(at: Place) -> Markup:
             at.number("trials", digits=6), at.number("expected_evidence", digits=2)
         )
     pair = " from ".join(titled(s) for s in n.get("separates") or ())
-    others = [
-        Markup("{} ({})").format(
-            blocks.shown(o.content["measure"]), o.number("expected_evidence", digits=2)
-        )
-        for o in (at.every("alternatives") if n.get("alternatives") else ())
-    ]
     return blocks.paragraph(
-        "{} {}{}{}.{}",
+        "{} {}{}{}.",
         blocks.bold("Next:"),
         n["measure"],
         f", to distinguish {pair}" if pair else "",
         cost,
-        Markup(" Instead: {}.").format(Markup("; ").join(others)) if others else "",
     )
