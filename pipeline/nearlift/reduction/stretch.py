@@ -15,6 +15,8 @@ from nearlift.declare import FloatArray
 ROUNDED, FEW_STEPS = 0.05, 30
 #: Standard deviations of normal noise in one median absolute deviation.
 SD_PER_MAD = 1.4826
+#: Samples up to which the numbers of a record are kept for the next one.
+MOST_KEPT = 1 << 20
 
 
 class Stretch(NamedTuple):
@@ -60,10 +62,7 @@ def stretch(values: FloatArray, half: int) -> Stretch:
     mean = float(np.add.reduce(values)) / n
     low, high = float(values.min()), float(values.max())
     away = values - mean
-    # each sample times its number less the middle one
-    ramp = np.arange(n, dtype=float)
-    ramp -= 0.5 * (n - 1)
-    ramp *= away
+    ramp = _ramp(n) if n <= MOST_KEPT else _ramp.__wrapped__(n)
     squared = away * away
     squares = float(np.add.reduce(squared))
     limit = 36.0 * squares / max(n - 1, 1)
@@ -81,7 +80,7 @@ def stretch(values: FloatArray, half: int) -> Stretch:
         gain,
         mean=mean,
         squares=squares,
-        tilt=float(np.add.reduce(ramp)),
+        tilt=float(np.add.reduce(away * ramp)),
         low=low,
         high=high,
         repeats=float(np.count_nonzero(values[1:] == values[:-1])),
@@ -112,6 +111,12 @@ def usual_step(steps: FloatArray) -> float:
             return mean
     near = steps[np.abs(steps - middle) < 0.5 * abs(middle)]
     return float(np.mean(near)) if len(near) else middle
+
+
+@functools.lru_cache(maxsize=8)
+def _ramp(n: int) -> FloatArray:
+    """The numbers of n samples less the middle one."""
+    return np.arange(n, dtype=float) - 0.5 * (n - 1)
 
 
 @functools.lru_cache(maxsize=64)
