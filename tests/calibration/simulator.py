@@ -560,6 +560,11 @@ class Drawn:
     covariance: Array | None
 
 
+def _apart(n: int) -> Array:
+    """How many trials lie between any two, (n, n)."""
+    return np.abs(np.arange(n)[:, None] - np.arange(n))
+
+
 def draw_errors(errors: Errors, sd: float, bench: Bench, seed: int) -> Drawn:
     """Draw errors of trials; `sd` is the scatter of a trial, a fraction of lift."""
     rng, n = stream(seed, "errors", bench.boundary), bench.n
@@ -573,12 +578,11 @@ def draw_errors(errors: Errors, sd: float, bench: Bench, seed: int) -> Drawn:
     else:
         own = rng.standard_t(errors.tails, n) * np.sqrt(1 - 2 / errors.tails)
     variance, covariances = size**2, []
-    apart = np.abs(trial[:, None] - trial)
     if errors.correlation:
         kicks = np.r_[rng.standard_normal(400), own]
         own = lfilter([np.sqrt(1 - errors.correlation**2)], [1.0, -errors.correlation], kicks)[-n:]
         variance = np.zeros(n)
-        covariances.append(np.outer(size, size) * errors.correlation**apart)
+        covariances.append(np.outer(size, size) * errors.correlation ** _apart(n))
     error = size * own
     outlying = rng.random(n) < errors.outliers
     error = error + outlying * rng.choice([-1, 1], n) * rng.uniform(5, 10, n) * size
@@ -589,7 +593,7 @@ def draw_errors(errors: Errors, sd: float, bench: Bench, seed: int) -> Drawn:
         covariances.append(step**2 * (1.0 + np.minimum(trial[:, None], trial)))
     elif errors.wander:
         error = error + errors.wander * wander(rng, trial.astype(float), errors.trials)
-        covariances.append(errors.wander**2 * np.exp(-apart / errors.trials))
+        covariances.append(errors.wander**2 * np.exp(-_apart(n) / errors.trials))
     if errors.bad_visit:
         bad = (bench.visit == rng.integers(bench.visit[-1] + 1)) * errors.bad_visit * sd
         error = error + bad * rng.choice([-1, 1])

@@ -242,7 +242,7 @@ def test_errors_of_trials_are_white_to_the_true_covariance(kind):
 
 @pytest.fixture(scope="module")
 def drawn():
-    spec = Spec(boundary="ground", realism=False, visits=48, errors=Errors())
+    spec = Spec(boundary="ground", realism=False, errors=Errors())
     bench = simulate(spec, 1).setting.bench
     return lambda seed=1, **errors: (draw_errors(Errors(**errors), 0.005, bench, seed), bench)
 
