@@ -13,6 +13,7 @@ import shutil
 import subprocess
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.mathtext import MathTextParser
 from tests.unit import quoted
@@ -217,7 +218,7 @@ def test_no_cell_of_a_csv_is_a_formula():
         "x": np.array([-1.0, np.nan, np.inf, 0, 1, 1 / 3]),
         "known": [True, False, True, True, True, True],
     }
-    assert tables.csv(hostile).decode().splitlines() == [
+    assert tables.csv(pd.DataFrame(hostile)).decode().splitlines() == [
         "label,x,known",
         "'=1+1,-1,yes",
         "'+x,,no",

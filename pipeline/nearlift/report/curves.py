@@ -21,7 +21,7 @@ from nearlift import catalogue, derivative
 from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import lift_ratio
-from nearlift.report.evidence import Evidence, lift_inf_N, where
+from nearlift.report.evidence import Evidence, lift_inf_N
 from nearlift.results import Observations
 from nearlift.results.fit import ModelFit, ParameterCovariance
 from nearlift.results.quotation import BoundaryResult
@@ -203,9 +203,10 @@ def posterior_quantiles(
     """
     if not evidence.has(POSTERIOR):
         return None
-    draws = where(evidence.table(POSTERIOR), boundary=boundary, model=model.name)
-    each = {p.name: where(draws, parameter=p.name)["value"][:, None] for p in model.parameters}
-    if not each or not all(len(x) for x in each.values()):
+    draws = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)
+    by_name = dict([*draws.groupby("parameter")["value"]])
+    each = {p.name: by_name[p.name].to_numpy()[:, None] for p in model.parameters if len(draws)}
+    if not each:
         return None
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         value = np.asarray(model(z_hat, **known, **each), dtype=float) - 1
@@ -338,11 +339,9 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
 
     diagnosed = evidence.diagnosed(boundary) if drawn.effects else None
     if diagnosed:
-        table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
-        left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
+        left = evidence.frame(LOOP_RESIDUALS, boundary=boundary).set_index("trial")["after"]
         # nan for trials that were not diagnosed
-        residual = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
-        log_ratio = np.log1p(middle(data.z_hat)) + residual
+        log_ratio = np.log1p(middle(data.z_hat)) + left.reindex(data.trial).to_numpy(dtype=float)
     else:
         level = lift_inf_N(evidence.base(boundary)[1], data, drawn=True)
         log_ratio = np.log(data.lift_N / level)

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Columns = dict[str, NDArray[Any]]
-#: The same, to be read.
-Rows = Mapping[str, NDArray[Any]]
 #: A part of a table: a value, or one for each row, by column.
 Part = dict[str, Any]
 
@@ -194,22 +192,15 @@ def frame(parts: Sequence[Part], columns: Sequence[str]) -> pd.DataFrame:
     A single value fills every row of its part. What a part lacks is empty there: nan among
     numbers, no text among texts.
     """
-    sizes = [max((len(v) for v in part.values() if np.ndim(v)), default=1) for part in parts]
-    joined = {name: _joined([part.get(name) for part in parts], sizes) for name in columns}
-    return pd.DataFrame(joined)
-
-
-def _joined(values: Sequence[Any], sizes: Sequence[int]) -> NDArray[Any]:
-    given = [None if value is None else np.asarray(value) for value in values]
-    text = any(value is not None and value.dtype.kind in "OU" for value in given)
-    empty = np.asarray("" if text else np.nan)
-    filled = [
-        np.broadcast_to(empty if value is None else value, (n,))
-        for value, n in zip(given, sizes, strict=True)
-    ]
-    if text:
-        filled = [value.astype(object) for value in filled]
-    return np.concatenate(filled) if filled else np.zeros(0)
+    tables = []
+    for part in parts:
+        size = max((len(v) for v in part.values() if np.ndim(v)), default=1)
+        filled = {n: np.broadcast_to(v, (size,)) for n, v in part.items() if v is not None}
+        tables.append(pd.DataFrame(filled))
+    joined = pd.concat([pd.DataFrame(), *tables], ignore_index=True)
+    joined = joined.reindex(columns=list(columns))
+    texts = [name for name, column in joined.items() if column.dtype.kind == "O"]
+    return joined.fillna(dict.fromkeys(texts, ""))
 
 
 def pick(table: pd.DataFrame, **values: object) -> pd.DataFrame:
@@ -228,9 +219,3 @@ def groups(table: pd.DataFrame, *columns: str) -> list[tuple[Any, ...]]:
 def records(table: pd.DataFrame) -> list[Any]:
     """Rows with their columns as attributes."""
     return list(table.itertuples(index=False))
-
-
-def where(table: Rows, **values: object) -> Columns:
-    """The rows in which these columns have these values."""
-    keep = np.all([table[name] == value for name, value in values.items()], axis=0)
-    return {name: column[keep] for name, column in table.items()}

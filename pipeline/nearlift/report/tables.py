@@ -21,7 +21,7 @@ from nearlift.catalogue import titled
 from nearlift.declare import Boundary
 from nearlift.nomenclature import VERDICTS, letter, mathematics
 from nearlift.report import blocks
-from nearlift.report.evidence import Evidence, Rows
+from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, quotation
 from nearlift.report.phrases import SCALES, is_even
 from nearlift.results.quotation import BudgetLine
@@ -61,12 +61,12 @@ class Table:
         return rows[list(self.shown)].astype(object)
 
 
-def csv(table: pd.DataFrame | Rows) -> bytes:
+def csv(table: pd.DataFrame) -> bytes:
     """UTF-8 text with line feeds. Values without end are left empty, and no cell is a formula to a
     spreadsheet.
     """
-    frame = pd.DataFrame(table).copy()
-    for name, column in frame.items():
+    frame = table.copy()
+    for name, column in table.items():
         if column.dtype.kind == "f":
             frame[name] = column.where(np.isfinite(column))
         elif isinstance(column.dtype, pd.StringDtype):

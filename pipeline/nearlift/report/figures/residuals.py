@@ -20,7 +20,7 @@ from nearlift.likelihood.problem import height_slope, usable
 from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
-from nearlift.report.evidence import Evidence, Part, frame, pick, where
+from nearlift.report.evidence import Evidence, Part, frame, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.binning import abscissa, bins, columns, means, shown_x
 from nearlift.report.figures.spec import FigureSpec
@@ -128,8 +128,8 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     for boundary in evidence.boundaries:
         model, _ = evidence.base(boundary)
         shown = len(pick(table, panel=boundary, kind="trial", covariate="run_order"))
-        trials = where(evidence.table(TRIALS), boundary=boundary)
-        lost = np.count_nonzero(rejected(trials["quality"]))
+        quality = evidence.frame(TRIALS, boundary=boundary)["quality"]
+        lost = np.count_nonzero(rejected(quality.to_numpy()))
         beyond = evidence.observations[boundary].n - shown
         notes = [f"{shown} trials", *([f"{lost} rejected (not shown)"] if lost else [])]
         notes += [f"{beyond} outside the model's range (not shown)"] if beyond else []
