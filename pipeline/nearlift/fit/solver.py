@@ -373,14 +373,22 @@ def _step(
     gradient = (slopes @ r[:, :, None])[..., 0]
     curved = slopes @ slopes.swapaxes(-1, -2)
     low, high = limits
-    stuck = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
-    stuck |= np.einsum("kpp->kp", curved) < NO_EFFECT**2 * _chi2(r)[:, None]
-    gradient = np.where(stuck, 0.0, gradient)
-    curved = np.where(stuck[:, :, None] | stuck[:, None, :], 0.0, curved)
     diagonal = np.einsum("kpp->kp", curved)
-    extra = np.where(diagonal > 0, (damping[:, None] + RIDGE) * diagonal, 1.0)
-    damped = curved + np.eye(theta.shape[1]) * extra[:, None, :]
-    return np.asarray(-np.linalg.solve(damped, gradient[..., None])[..., 0], dtype=np.float64)
+    held = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
+    held |= diagonal < NO_EFFECT**2 * _chi2(r)[:, None]
+    step = np.zeros(theta.shape)
+    # a correlated step may leave by a bound that the gradient alone would not
+    for _ in range(theta.shape[1] + 1):
+        free = np.where(held[:, :, None] | held[:, None, :], 0.0, curved)
+        extra = np.where(held | (diagonal <= 0), 1.0, (damping[:, None] + RIDGE) * diagonal)
+        damped = free + np.eye(theta.shape[1]) * extra[:, None, :]
+        down = np.where(held, 0.0, -gradient)
+        step = np.linalg.solve(damped, down[..., None])[..., 0]
+        leaving = ~held & (((theta <= low) & (step < 0)) | ((theta >= high) & (step > 0)))
+        if not leaving.any():
+            break
+        held |= leaving
+    return np.asarray(step, dtype=np.float64)
 
 
 def _chi2(r: FloatArray) -> FloatArray:
