@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 from tests.unit.simulated import GEOMETRY, campaign
 
 from nearlift import catalogue
@@ -185,3 +186,21 @@ def test_a_bound_is_a_minimum_and_no_value_is_none():
     assert found.theta[0] == pytest.approx([2.0])
     assert found.chi2[0] == pytest.approx(1.0)
     assert found.converged.tolist() == [True, False]
+
+
+def test_bounded_minima_of_many_linear_problems_are_scipys():
+    """Correlated parameters, all of them at a bound at first and most in the end: a step that would
+    leave by one is taken without that parameter.
+    """
+    rng = np.random.default_rng(3)
+    mix = rng.standard_normal((200, 8, 5)) + 2 * rng.standard_normal((200, 8, 1))
+    target = mix @ np.array([3.0, -2.0, 0.5, -0.5, 2.0]) + rng.standard_normal((200, 8))
+    bounds = (np.full(5, -1.0), np.full(5, 1.0))
+    system = solver.System(
+        lambda x, rows: (mix[rows] @ x[:, :, None])[..., 0] - target[rows],
+        lambda x, rows: mix[rows].swapaxes(1, 2),
+    )
+    found = solver.minimise(system, rng.choice([-1.0, 1.0], (200, 5)), bounds, enough=1e-3)
+    best = [2 * lsq_linear(a, y, bounds, tol=1e-12).cost for a, y in zip(mix, target, strict=True)]
+    assert found.converged.all()
+    assert found.chi2 == pytest.approx(best, abs=1e-6)

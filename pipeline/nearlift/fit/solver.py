@@ -376,19 +376,19 @@ def _step(
     diagonal = np.einsum("kpp->kp", curved)
     held = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
     held |= diagonal < NO_EFFECT**2 * _chi2(r)[:, None]
-    step = np.zeros(theta.shape)
+    step: FloatArray = np.zeros(theta.shape)
     # a correlated step may leave by a bound that the gradient alone would not
     for _ in range(theta.shape[1] + 1):
         free = np.where(held[:, :, None] | held[:, None, :], 0.0, curved)
         extra = np.where(held | (diagonal <= 0), 1.0, (damping[:, None] + RIDGE) * diagonal)
         damped = free + np.eye(theta.shape[1]) * extra[:, None, :]
         down = np.where(held, 0.0, -gradient)
-        step = np.linalg.solve(damped, down[..., None])[..., 0]
+        step = np.asarray(np.linalg.solve(damped, down[..., None])[..., 0], dtype=np.float64)
         leaving = ~held & (((theta <= low) & (step < 0)) | ((theta >= high) & (step > 0)))
         if not leaving.any():
             break
         held |= leaving
-    return np.asarray(step, dtype=np.float64)
+    return step
 
 
 def _chi2(r: FloatArray) -> FloatArray:
