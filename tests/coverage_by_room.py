@@ -1,0 +1,54 @@
+"""Line coverage of each room, of the core and of the whole, from what `make test COVERAGE=1` recorded.
+
+The exit code is 1 where the core is below `CORE` or the whole below `WHOLE` per cent.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import coverage
+import pandas as pd
+from tests.imports import SOURCES, core_rooms
+
+#: Per cent of lines that tests must run.
+CORE, WHOLE = 95.0, 88.0
+
+
+def rooms(report: Path) -> pd.DataFrame:
+    """Lines, and those that ran, by room, from a report of coverage.py in JSON."""
+    files = pd.read_json(report, typ="series")["files"]
+    table = pd.DataFrame(
+        [
+            (Path(name).resolve().relative_to(SOURCES["nearlift"]).parts, f["summary"])
+            for name, f in files.items()
+        ],
+        columns=["parts", "summary"],
+    )
+    table["room"] = [parts[0].removesuffix(".py") for parts in table["parts"]]
+    table["lines"] = [s["num_statements"] for s in table["summary"]]
+    table["ran"] = [s["covered_lines"] for s in table["summary"]]
+    return table.groupby("room")[["lines", "ran"]].sum()
+
+
+def main() -> int:
+    """Print the table."""
+    data = coverage.Coverage()
+    data.combine()
+    data.save()
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.json"
+        data.json_report(outfile=str(report))
+        table = rooms(report)
+    core = table[table.index.isin(core_rooms())].sum().rename("core")
+    table = pd.concat([table, core.to_frame().T, table.sum().rename("whole").to_frame().T])
+    table["per cent"] = (100 * table["ran"] / table["lines"]).round(1)
+    print(table.to_string())
+    share = table["per cent"]
+    return int(share["core"] < CORE or share["whole"] < WHOLE)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
