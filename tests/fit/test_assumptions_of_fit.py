@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.stats import binom
+from scipy.stats import t as student_t
 from tests.unit.manifests import CRAZYFLIE, RIG
 from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, sanchez_cuevas
 
@@ -202,6 +203,15 @@ def test_a_held_speed_leaves_the_exponents_of_constant_speed():
     assert speed.held
     low, high = speed.exponents
     assert 0.5 < low < 0.6 < 0.82 < high < 0.95
+
+
+def test_the_interval_of_a_response_is_by_student_s_t():
+    """Ten visits in one session: eight degrees of freedom, where the normal is 12 % too narrow."""
+    data = logging(ground(8), 0.0)
+    visit = np.arange(data.n) * 10 // data.n
+    data = dataclasses.replace(data, visit=visit, session=np.zeros_like(visit))
+    speed = held_quantity.response(data, ratio_of(8), "speed_Hz").logged.response
+    assert (speed.hi90 - speed.lo90) / (2 * speed.u) == pytest.approx(student_t.ppf(0.95, 8))
 
 
 def test_a_speed_that_explains_all_of_the_change_says_nothing_of_the_exponent():

@@ -29,6 +29,7 @@ from nearlift.loop.candidate_fit import fit as candidate_fit
 from nearlift.loop.candidate_fit import search as candidate_search
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.findings import partial
+from nearlift.loop.result import result
 from nearlift.loop.search import pair_gains, run
 from nearlift.loop.search_problem import Options
 
@@ -380,6 +381,20 @@ def sweeps(seed, *, gain=None, spread=0.03, supply_falls=False):
     return dataclasses.replace(
         data, z_hat=z, lift_N=lift, visit=run_of, session=run_of, covariates=poor
     )
+
+
+def test_few_visits_quote_intervals_of_visits_within_the_declared_range(null_stage):
+    stage = dataclasses.replace(null_stage, independent=True)
+    answer = search.Answer(problem=stage, first=stage.nothing_added[0], singles=(), pairs=())
+    every = coefficients.answers(answer)
+    doubts = result(answer, every, (), None).coefficients["K_b"].doubts
+    # a refit at another exponent has the interval of trials, narrower than that of visits
+    assert not any("exponent" in d.condition for d in doubts)
+    (value,), (u,) = every.before
+    cut = dataclasses.replace(every, bounds=((value - u, value + 9 * u),)).estimates()
+    for known in (cut.before["K_b"], cut.after["K_b"]):
+        assert known.lo90 == value - u
+        assert value + u < known.hi90 < value + 9 * u
 
 
 @pytest.mark.nightly

@@ -96,7 +96,10 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(
         asked.append(trial)
         effects = ("tilt",) if verdict == "effect" else ()
         return Without(
-            verdict=verdict, effects=effects, intervals={"K_b": (value, value - 1.0, value + 1.0)}
+            verdict=verdict,
+            effects=effects,
+            intervals={"K_b": (value, value - 1.0, value + 1.0)},
+            widths={"K_b": 2.0},
         )
 
     found = with_decisive_trial(quoted, without)
@@ -232,7 +235,7 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
         value = headline.value + 0.1 * int(visit) * headline.u
         intervals = {"K_b": (value, value - 1.0, value + 1.0)}
         verdict = quoted.verdict if visit == "0" else "effect"
-        return Without(verdict=verdict, effects=("tilt",), intervals=intervals)
+        return Without(verdict=verdict, effects=("tilt",), intervals=intervals, widths={"K_b": 2.0})
 
     answer = SimpleNamespace(
         problem=SimpleNamespace(
@@ -274,6 +277,7 @@ def test_a_shift_is_judged_by_the_information_of_its_visit(data, quoted, moved, 
         verdict=quoted.verdict,
         effects=(),
         intervals={"K_b": (value, value - half, value + half)},
+        widths={"K_b": 2 * half},
     )
     answer = search.run(set_up(data, GROUND, (), Options())[0])
     visit = Shift.at(float(data.z_hat[0]), str(data.visit[0]), 0.0)

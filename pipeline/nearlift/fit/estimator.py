@@ -194,12 +194,12 @@ class Estimator:
             for i, name in enumerate(moved.names)
         }
 
-    def doubts(self) -> list[list[Doubt]]:
-        """Each coefficient at other exponents, and with uncertain inputs that are not stated."""
+    def doubts(self, *, exponents: bool = True) -> list[list[Doubt]]:
+        """Each coefficient with uncertain inputs that are not stated, and at other `exponents`."""
         listed: list[list[Doubt]] = [[] for _ in self.theta]
         if not len(self.theta):
             return listed
-        if np.isfinite(self.u[0]):
+        if exponents and np.isfinite(self.u[0]):
             listed[0] += [self.doubt(0, *answer) for answer in self._exponents()]
         gain = information.gain(self.problem, self.theta)
         for missing in inputs.undeclared_in(self.problem, self.theta, gain, self.parts, self.slope):

@@ -247,7 +247,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     within = y - levels @ np.linalg.lstsq(levels, y, rcond=None)[0]
     # a quantity that is constant to rounding was held
     p = float(2 * t.sf(abs(slope) / u, dof)) if u > 1e-9 else float(abs(slope) < 1e-6)
-    estimate = Estimate.around(slope, u, student.NORMAL_90)
+    estimate = Estimate.around(slope, u, student.quantile(0.95, dof))
     return Response(
         logged=LoggedResponse(
             quantity=quantity,

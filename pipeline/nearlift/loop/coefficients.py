@@ -10,6 +10,7 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import information
+from nearlift.fit.estimator import ends
 from nearlift.likelihood import student
 from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import confirmation, discrepancy, few_visits, weigh
@@ -85,6 +86,8 @@ class Answers:
     Attributes
     ----------
     names : tuple of str
+    bounds : tuple of (float, float)
+        Declared range of each coefficient; an interval ends there.
     dof : (p,)
         Degrees of freedom behind the uncertainties.
     before : pair of arrays
@@ -108,6 +111,7 @@ class Answers:
     """
 
     names: tuple[str, ...]
+    bounds: tuple[tuple[float, float], ...]
     dof: FloatArray
     before: Pair
     members: tuple[tuple[str, Pair], ...]
@@ -140,22 +144,29 @@ class Answers:
         """The coefficients without and with the named effects."""
         before, after = {}, {}
         for i, name in enumerate(self.names):
-            dof = float(self.dof[i])
-
-            def about(value: float, u: float, dof: float = dof) -> tuple[float, float]:
-                return student.interval(0.9, [((1.0, value, u),)], dof)
-
-            low90, high90 = about(self.before[0][i], self.before[1][i])
-            before[name] = LoopEstimate(value=self.before[0][i], lo90=low90, hi90=high90)
-            low90, high90 = student.interval(0.9, self.readings(i), dof)
+            low, high = self._interval90(i, self.before)
+            before[name] = LoopEstimate(value=self.before[0][i], lo90=low, hi90=high)
+            low, high = self._ends90(i, self.readings(i))
             after[name] = LoopEstimate(
                 value=self.value[i],
-                lo90=low90,
-                hi90=high90,
-                conditional=about(self.conditional[0][i], self.conditional[1][i]),
-                constrained=about(self.constrained[0][i], self.constrained[1][i]),
+                lo90=low,
+                hi90=high,
+                conditional=self._interval90(i, self.conditional),
+                constrained=self._interval90(i, self.constrained),
             )
         return LoopCoefficients(before=before, after=after, carried=self.carried)
+
+    def width90(self, i: int) -> float:
+        """Width of the 90 % interval of coefficient i, before it is cut at a bound."""
+        low, high = student.interval(0.9, self.readings(i), float(self.dof[i]))
+        return high - low
+
+    def _interval90(self, i: int, pair: Pair) -> tuple[float, float]:
+        return self._ends90(i, [((1.0, float(pair[0][i]), float(pair[1][i])),)])
+
+    def _ends90(self, i: int, readings: list[student.Mixture]) -> tuple[float, float]:
+        within = ends(readings, float(self.dof[i]), self.bounds[i])
+        return within["lo90"], within["hi90"]
 
 
 def answers(answer: Answer) -> Answers:
@@ -205,6 +216,7 @@ def answers(answer: Answer) -> Answers:
         constrained = value, np.sqrt(u**2 + hidden)
     return Answers(
         names=tuple(q.name for q in problem.base.parameters),
+        bounds=tuple(q.bounds for q in problem.base.parameters),
         dof=np.full(p, few_visits.freedom(problem)) if problem.independent else _freedom(problem),
         before=coefficients(known_by(problem.base_fit)),
         members=members,

@@ -336,13 +336,16 @@ def _without(
         # where visits are few, they decide, and no evidence
         shortlist = None if whole.independent else like.answer.shortlist(named, ~keep)
         answer = decide(problem, True, rate, like, shortlist).answer
-        after = coefficients.answers(answer).estimates().after
+        answers = coefficients.answers(answer)
     except NotConverged:
         return None
     return stability.Without(
         verdict=answer.verdict,
         effects=answer.accepted[0].effects if answer.accepted else (),
-        intervals={name: (c.value, c.lo90, c.hi90) for name, c in after.items()},
+        intervals={
+            name: (c.value, c.lo90, c.hi90) for name, c in answers.estimates().after.items()
+        },
+        widths={name: answers.width90(i) for i, name in enumerate(answers.names)},
     )
 
 

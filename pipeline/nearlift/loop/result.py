@@ -76,7 +76,8 @@ def result(
     others = dict.fromkeys(
         name for e in answer.accepted[1:] for name in e.effects if name not in named
     )
-    doubts = estimator.doubts()
+    # refits at other exponents have no jackknife: their intervals would be those of trials
+    doubts = estimator.doubts(exponents=not problem.independent)
     which = (
         f"choice between {len(answers.members)} explanations"
         if len(answers.members) > 1

@@ -47,11 +47,14 @@ Choice = tuple[Fitted, Fitted, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Without:
-    """Diagnosis without one trial or visit; `intervals` are (value, lo90, hi90) by coefficient."""
+    """Diagnosis without one trial or visit; `intervals` are (value, lo90, hi90) by coefficient,
+    `widths` those of the 90 % intervals before they are cut at a bound.
+    """
 
     verdict: Verdict
     effects: tuple[str, ...]
     intervals: Mapping[str, tuple[float, float, float]]
+    widths: Mapping[str, float]
 
 
 def likeliest(answer: Answer) -> Explanation | None:
@@ -236,11 +239,11 @@ def without_visits(
         again = without(visit.id)
         if again is None:
             continue
-        value, low, high = again.intervals[name]
+        value = again.intervals[name][0]
         # the variance of a difference from an efficient estimate is the difference of variances
         # (Hausman 1978, Econometrica 46, 1251); half of a 90 % interval is in proportion to u
         half = student.quantile(0.95, c.dof) * c.u
-        spread = c.u * np.sqrt(max((high - low) ** 2 / (4 * half**2) - 1, LEAST_SPREAD**2))
+        spread = c.u * np.sqrt(max((again.widths[name] / (2 * half)) ** 2 - 1, LEAST_SPREAD**2))
         shift = value - c.value
         moved = replace(
             visit,
