@@ -338,7 +338,7 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
     """
     columns: dict[str, tuple[ColumnOfRecord, str]] = {}
     if cut.has_level:
-        columns[cut.maps] = cut.level(), "segments"
+        columns[cut.becomes] = cut.level(), "segments"
     for name, column in cut.columns.items():
         key = f"segments.columns.{name}"
         if name not in BRINGABLE:
@@ -374,7 +374,7 @@ def rename_records(
         raise ManifestError(at, what, remedy)
     if both := [name for name in bring if name in columns]:
         what = f"the column {both[0]!r} is also brought by the pieces of records, by [segments]"
-        remedy = "take the column away, or the key under [segments] (maps, columns)"
+        remedy = "take the column away, or the key under [segments] (becomes, columns)"
         raise ManifestError(at, what, remedy)
     return {"trial" if n == RECORD_COLUMN else n: column for n, column in columns.items()}, bring
 

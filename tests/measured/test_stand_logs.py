@@ -34,7 +34,7 @@ reader = "rcbenchmark"
 files = "runs/{record}.csv"
 force = { column = "Thrust (N)", unit = "N", sign = -1 }
 [segments]
-by = "ESC signal (µs)"
+column = "ESC signal (µs)"
 zero = 1000
 full = 2000
 settle = "1 s"
@@ -50,7 +50,7 @@ files = "runs/{record}.txt"
 dialect = { columns = ["thrust", "current", "voltage", "power", "throttle", "loop", "t"], ignore = ["START", "STOP"] }
 force = { column = "thrust", unit = "kgf", sign = 1 }
 [segments]
-by = "windows"
+cut = "windows"
 length = "0.6 s"
 settle = "0 s"
 shortest = "0.5 s"

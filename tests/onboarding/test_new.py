@@ -187,7 +187,7 @@ def test_sweeps_are_cut_and_asked_for_no_throttle(tmp_path, listed):
         written.put(tmp_path / "logs", "list.csv", rows.encode())
     made, schedule, _ = new(tmp_path / "stand", tmp_path / "logs")
     assert made["records"]["files"] == "trials/{record}.csv"
-    assert made["segments"]["by"] == "throttle"
+    assert made["segments"]["column"] == "throttle"
     assert set(made["trials"]["units"]) == {"distance"}
     blank = ["record,boundary,distance", "s0,FILL IN,FILL IN", "s1,FILL IN,FILL IN"]
     assert schedule == (["record,distance", "s0,23", "s1,32"] if listed else blank)

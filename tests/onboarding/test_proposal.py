@@ -30,7 +30,7 @@ def test_the_cells_own_counts_are_no_throttle(tmp_path: Path) -> None:
     for name in ("thrust_raw", "HX711 counts", "load cell adc"):
         columns = {"t_s": own["t"], name: counts, "force_mN": own["force"]}
         whole = proposed(tmp_path / "r.csv", **columns, throttle_pct=own["throttle"])
-        assert whole["segments"]["by"] == "throttle_pct"
+        assert whole["segments"]["column"] == "throttle_pct"
         assert name not in str(proposed(tmp_path / "r.csv", **columns)["segments"])
 
 
@@ -42,7 +42,7 @@ def test_a_staircase_of_short_levels_is_cut_as_a_ramp(
     force = 1e-8 * steps**2 + np.random.default_rng(3).normal(0, 0.02, len(steps))
     columns = {"t_s": np.arange(len(steps)) / 100.0} if clock else {}
     tables = proposed(tmp_path / "ramp.csv", **columns, pwm=steps, thrust_g=force)
-    assert tables["segments"]["by"] == "windows"
+    assert tables["segments"]["cut"] == "windows"
     assert tables["levels"]["by"] == "curve"
 
 
@@ -52,7 +52,7 @@ def test_proposed_cuts_keep_the_levels(tmp_path: Path, seconds: float) -> None:
     force = 0.02 * throttle**1.8 + np.random.default_rng(4).normal(0, 0.3, len(throttle))
     columns = {"t_s": np.arange(len(throttle)) / 100, "throttle (%)": throttle, "thrust_g": force}
     cut = validated(Segments, proposed(tmp_path / "s.csv", **columns)["segments"], "it")
-    assert cut.by == "throttle (%)"
+    assert cut.column == "throttle (%)"
     assert cut.settle + cut.shortest < seconds
 
 

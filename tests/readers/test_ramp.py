@@ -94,9 +94,9 @@ def test_inspect_tells_a_sweep_and_prints_lines_that_cut_it(tmp_path: Path, name
     cut = block["segments"]
     if name == "steps":
         assert "5 levels that hold" in answer.stdout
-        assert (cut["by"], cut["unit"]) == ("throttle", "percent")
+        assert (cut["column"], cut["unit"]) == ("throttle", "percent")
     else:
-        assert cut["by"] == "windows"
+        assert cut["cut"] == "windows"
         assert cut["columns"]["throttle"] == {"column": "throttle", "unit": "percent"}
         assert block["levels"] == {"by": "curve", "of": ["throttle"]}
     said = json.loads(nearlift("inspect", path, "--json").stdout)
@@ -138,7 +138,7 @@ def test_a_sweep_whose_command_was_not_logged_is_cut_by_plateaus(tmp_path: Path)
     path.write_text(sweeps.text_of({"t": own["t"], "force": own["force"]}))
     found = inspect(path).ramp
     assert found is not None
-    assert 'by = "plateaus"' in found.segments
+    assert 'cut = "plateaus"' in found.segments
 
 
 # ---- at ingest
@@ -152,7 +152,7 @@ def test_ingest_tells_sweeps_among_trials(tmp_path: Path) -> None:
     assert "the record of s1 takes many lifts, along 'throttle'" in answer.stderr
     assert "MIXED" in answer.stderr
     assert "call the column of ids in trials.csv record" in answer.stderr
-    assert 'by = "throttle"' in answer.stderr
+    assert 'column = "throttle"' in answer.stderr
 
 
 def test_a_campaign_of_sweeps_is_refused_with_the_lines_that_cut_it(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_a_campaign_of_sweeps_is_refused_with_the_lines_that_cut_it(tmp_path: Pa
     answer = nearlift("ingest", root, "--out", tmp_path)
     assert answer.exit_code == 4
     assert "the record of s0 (and 2 more like it) takes many lifts" in answer.stderr
-    assert "[segments]\nby = " in answer.stderr
+    assert "[segments]\ncolumn = " in answer.stderr
 
 
 @pytest.mark.parametrize("zero", [-0.3, -0.05, 0.0, 0.05, 0.3])

@@ -125,14 +125,14 @@ def test_the_lowest_level_is_a_tare_between_the_others(tmp_path: Path) -> None:
     assert abs(head["lift_N"][-1] - lift_N(2.0, 80)) > 0.05
 
 
-def test_levels_of_two_records_are_one_within_hold(tmp_path: Path) -> None:
+def test_levels_of_two_records_are_one_within_tolerance(tmp_path: Path) -> None:
     folder = write(tmp_path / "raw", (1.0, 2.0))
     for k in range(2):
         path = folder / "sweeps" / f"r{k}.csv"
         text = path.read_text().replace(",60.0,", f",{60 + k / 10},")
         path.write_text(text)
     assert len(set(table(folder, tmp_path / "a")["throttle"].tolist())) == 4
-    one = table(folder, tmp_path / "b", cut={"hold": 0.2})
+    one = table(folder, tmp_path / "b", cut={"tolerance": 0.2})
     assert len(set(one["throttle"].tolist())) == 3
 
 
@@ -149,7 +149,7 @@ def test_a_stepping_distance(tmp_path: Path) -> None:
     trials = table(
         folder,
         tmp_path / "out",
-        cut={"by": "z", "unit": "mm", "maps": "distance"},
+        cut={"column": "z", "unit": "mm", "becomes": "distance"},
         records={"time": None},
         load_cell={"tare": "0 s"},
         trials={"units": {"throttle": "percent"}},
@@ -181,7 +181,8 @@ def test_plateaus_of_the_force(root: Path, tmp_path: Path) -> None:
         root,
         tmp_path,
         cut={
-            "by": "plateaus",
+            "column": None,
+            "cut": "plateaus",
             "unit": None,
             "step": "50 mN",
             "columns": {"throttle": {"column": "throttle", "unit": "percent"}},
@@ -209,7 +210,7 @@ def test_a_word_that_says_when_it_counts(tmp_path: Path) -> None:
     trials = table(
         folder,
         tmp_path / "out",
-        cut={"by": "state", "unit": None, "only": "on"},
+        cut={"column": "state", "unit": None, "keep_where": "on"},
         trials={"units": {"distance": "mm", "throttle": "percent"}},
     )
     assert trials["n"].tolist() == [240]
@@ -263,7 +264,7 @@ load_cell = { sample_rate = "80 Hz", tare = "2 s" }
 records = { reader = "csv", files = "sweeps/{record}.csv", force = { column = "force", unit = "mN", sign = 1 } }
 trials = { file = "records.csv", units = { distance = "mm" } }
 """
-KEYS = 'segments = { by = "throttle", unit = "percent", settle = "1 s", shortest = "2 s" }\n'
+KEYS = 'segments = { column = "throttle", unit = "percent", settle = "1 s", shortest = "2 s" }\n'
 
 
 def test_the_cuts_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
@@ -272,10 +273,8 @@ def test_the_cuts_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
     assert told.exit_code == 2
     (folder / "campaign.toml").write_text(MANIFEST.replace("{record}", "{trial}"))
     told = small_run.nearlift("inspect", "--cuts", folder, "--out", tmp_path)
-    assert (told.exit_code, "add [segments] with by, settle and shortest" in told.stderr) == (
-        2,
-        True,
-    )
+    assert told.exit_code == 2
+    assert "add [segments] with column, settle and shortest" in told.stderr
     (folder / "campaign.toml").write_text(MANIFEST + KEYS)
     told = small_run.nearlift("inspect", "--cuts", folder, "--out", tmp_path)
     assert told.exit_code == 0
@@ -290,23 +289,33 @@ def test_the_cuts_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
 
 # ---- refused
 
+PLATEAUS: dict[str, Any] = {"column": None, "cut": "plateaus"}
+WINDOWS: dict[str, Any] = {"column": None, "cut": "windows"}
+
 
 @pytest.mark.parametrize(
     ("cut", "changes", "match"),
     [
         ({"shortest": "0.05 s"}, {}, "4 samples at 80 Hz; a trial needs 5: 0.0625 s"),
-        ({"by": "plateaus"}, {}, 'by = "plateaus" needs step'),
-        ({"by": "windows"}, {}, 'by = "windows" needs length'),
-        ({"step": "1 N"}, {}, 'step goes with by = "plateaus"'),
-        ({"by": "plateaus", "step": "1 kg"}, {}, "step: "),
-        ({"hold": -1.0}, {}, "hold is a size"),
+        ({"cut": "plateaus"}, {}, "give either column or cut"),
+        ({"column": None}, {}, "give either column or cut"),
+        ({**PLATEAUS}, {}, 'cut = "plateaus" needs step'),
+        ({**WINDOWS}, {}, 'cut = "windows" needs length'),
+        ({"step": "1 N"}, {}, 'step needs cut = "plateaus"'),
+        ({**PLATEAUS, "step": "1 kg"}, {}, "step: "),
+        ({**PLATEAUS, "step": "1 N", "tolerance": 0.1}, {}, "tolerance and keep_where need column"),
+        ({"tolerance": -1.0}, {}, "tolerance is a size"),
         ({"length": "1 s"}, {}, "length is below shortest"),
-        ({"by": "windows", "length": "3 s", "settle": "3 s"}, {}, "settle takes a whole window"),
+        ({**WINDOWS, "length": "3 s", "settle": "3 s"}, {}, "settle takes a whole window"),
         ({}, {"records": {"files": "sweeps/{trial}.csv"}}, "write {record} in"),
         ({}, {"load_cell": {"settle": "1 s"}}, "settle and record are of records"),
         ({}, {"records": {"reader": "means"}}, "has none"),
-        ({"by": "windows", "length": "3 s"}, {"load_cell": {"tare": "level 0"}}, "lowest level"),
+        ({**WINDOWS, "length": "3 s"}, {"load_cell": {"tare": "level 0"}}, "lowest level"),
         ({"settel": "1 s"}, {}, "settel: unknown key; did you mean 'settle'?"),
+        ({"by": "throttle"}, {}, 'segments.by: was renamed; write column = "...", or cut ='),
+        ({"maps": "distance"}, {}, "segments.maps: was renamed; write becomes"),
+        ({"only": "on"}, {}, "segments.only: was renamed; write keep_where"),
+        ({"hold": 0.2}, {}, "segments.hold: was renamed; write tolerance"),
     ],
 )
 def test_a_manifest_that_contradicts_itself(
@@ -327,13 +336,17 @@ def test_marks_of_records_go_with_segments() -> None:
 @pytest.mark.parametrize(
     ("cut", "schedule", "match"),
     [
-        ({"by": "thrattle"}, "", "has no column 'thrattle'"),
+        ({"column": "thrattle"}, "", "has no column 'thrattle'"),
         ({"unit": None}, "", "give the unit of 'throttle', or full"),
         ({"unit": "fraction"}, "", "is not between 0 and 1"),
         ({"unit": "mm"}, "", "mm"),
         ({"shortest": "3.5 s"}, "", 'shortest = "3 s" under [segments] would keep half'),
-        ({"by": "force"}, "", "a ramp, or each row is a mean already"),
-        ({"only": "on"}, "record,boundary,distance,throttle\nr0,ground,23,5\n", "has no 'on' in"),
+        ({"column": "force"}, "", "a ramp, or each row is a mean already"),
+        (
+            {"keep_where": "on"},
+            "record,boundary,distance,throttle\nr0,ground,23,5\n",
+            "has no 'on' in",
+        ),
         ({"columns": {"suply": {"column": "supply", "unit": "V"}}}, "", "did you mean 'supply'?"),
         ({"columns": {"supply": {"column": "supply"}}}, "", "unit: is missing"),
         ({"columns": {"throttle": {"column": "throttle"}}}, "", "given by the level already"),
@@ -374,7 +387,9 @@ def test_a_ramp_made_into_steps_is_told(tmp_path: Path) -> None:
     outcome, _ = run_ingest(
         folder,
         tmp_path / "out",
-        campaign({"hold": 5.0, "settle": "0 s"}, load_cell={"tare": "0 s"}, quality={"drift": 0.9}),
+        campaign(
+            {"tolerance": 5.0, "settle": "0 s"}, load_cell={"tare": "0 s"}, quality={"drift": 0.9}
+        ),
     )
     assert any("a ramp has no steps" in note for note in outcome.notes)
 
@@ -387,7 +402,7 @@ def test_steps_finer_than_three_codes_are_refused(tmp_path: Path) -> None:
     for row in cells:
         row[2] = repr(round(float(row[2]) / 20) * 20.0)
     path.write_text("\n".join([names, *map(",".join, cells)]) + "\n")
-    cut = {"by": "plateaus", "unit": None, "step": "50 mN"}
+    cut = {"column": None, "cut": "plateaus", "unit": None, "step": "50 mN"}
     more = {"columns": {"throttle": {"column": "throttle", "unit": "percent"}}}
     with pytest.raises(InputRefused, match="less than three of the converter's own"):
         run_ingest(folder, tmp_path / "a", campaign({**cut, **more}))

@@ -22,7 +22,7 @@ THROTTLES = (0, 40, 60, 80, 0)
 FULL_N = 1.2
 ZERO_N, NOISE_N = 0.05, 0.002
 CUT: dict[str, Any] = {
-    "by": "throttle",
+    "column": "throttle",
     "unit": "percent",
     "settle": "1 s",
     "shortest": "2 s",

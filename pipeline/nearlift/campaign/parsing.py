@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -115,7 +115,9 @@ def _explain(error: Any, kind: type[BaseModel]) -> str:
     ]
     key = ".".join(map(str, location)) or "manifest"
     if error["type"] == "extra_forbidden":
-        known = _known_keys(kind, location)
+        known, old = _known_keys(kind, location)
+        if replacement := old.get(str(location[-1])):
+            return f"{key}: was renamed; write {replacement}"
         hint = did_you_mean(str(location[-1]), known) or f"known here: {', '.join(known)}"
         return f"{key}: unknown key; {hint}"
     if error["type"] == "missing":
@@ -130,13 +132,15 @@ def _explain(error: Any, kind: type[BaseModel]) -> str:
     return f"{key}: {message}" + ("" if known_value else f" (found {value!r})")
 
 
-def _known_keys(kind: type[BaseModel], location: list[Any]) -> list[str]:
-    """Keys allowed in the table that holds the last part of `location`."""
+def _known_keys(kind: type[BaseModel], location: list[Any]) -> tuple[list[str], Mapping[str, str]]:
+    """Keys allowed in the table that holds the last part of `location`, and its old keys."""
+    old = getattr(kind, "OLD_KEYS", {})
     known = {f.alias or n: f for n, f in kind.model_fields.items()}
     for part in location[:-1]:
         if part in known and (section := _section_in(known[part].annotation)):
             known = {f.alias or n: f for n, f in section.model_fields.items()}
-    return list(known)
+            old = section.OLD_KEYS
+    return list(known), old
 
 
 def _section_in(annotation: Any) -> Any:

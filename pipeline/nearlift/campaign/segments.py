@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from collections.abc import Mapping
+from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
@@ -12,8 +13,6 @@ from nearlift.campaign.quantities import Duration, PositiveDuration, Section, as
 from nearlift.campaign.rig import RECORD_MARK, LoadCell, Records
 from nearlift.errors import ManifestError
 
-#: Ways to cut that are no column's name.
-WAYS = ("plateaus", "windows")
 #: Fewest samples of a trial: aborted runs leave two to four rows.
 FEWEST_SAMPLES = 5
 
@@ -53,42 +52,46 @@ class ColumnOfRecord(Section):
 class Segments(Section):
     """Cutting of a record into pieces, each of which becomes a trial.
 
-    `by` names the column whose steps divide the pieces, or is "plateaus" or "windows". Plateaus
-    are levels of the force, separated by changes of at least `step`. Windows
-    have the length `length`. With another `by`, `length` divides each piece further.
+    Either the steps of `column` divide the pieces, or `cut` is "plateaus" or "windows". Plateaus
+    are levels of the force, separated by changes of at least `step`. Windows have the length
+    `length`, which divides each piece further with the other ways.
 
     `settle` is dropped after each cut; a piece with less than `shortest` left is no trial. `unit`,
-    `zero` and `full` belong to the column `by`, which `maps` to a column of the schedule. Samples
-    within `hold` are one level; only pieces at the level `only` are kept. `columns` are those of
-    the schedule's columns that the records hold, such as `supply`. Times are in s.
+    `zero` and `full` belong to `column`, which `becomes` a column of the schedule. Samples within
+    `tolerance` are one level; only pieces at the level `keep_where` are kept. `columns` are those
+    of the schedule's columns that the records hold, such as `supply`. Times are in s.
     """
 
-    by: str
+    OLD_KEYS: ClassVar[Mapping[str, str]] = {
+        "by": 'column = "...", or cut = "plateaus" or "windows"',
+        "maps": "becomes",
+        "only": "keep_where",
+        "hold": "tolerance",
+    }
+
+    column: str | None = None
+    cut: Literal["plateaus", "windows"] | None = None
     settle: Duration
     shortest: PositiveDuration
     unit: str | None = None
     zero: float = 0.0
     full: float | None = None
-    maps: str = "throttle"
-    hold: float = 0.0
-    only: str | float | int | None = None
+    becomes: str = "throttle"
+    tolerance: float = 0.0
+    keep_where: str | float | int | None = None
     step: str | None = None
     length: PositiveDuration | None = None
     columns: dict[str, ColumnOfRecord] = {}
 
     @property
-    def column(self) -> str | None:
-        """The column whose steps divide the pieces, if one does."""
-        return None if self.by in WAYS else self.by
-
-    @property
     def has_level(self) -> bool:
         """Whether a piece's level is in the schedule."""
-        return self.only is None and self.column is not None
+        return self.keep_where is None and self.column is not None
 
     def level(self) -> ColumnOfRecord:
         """The level's column with its unit."""
-        return ColumnOfRecord(column=self.by, unit=self.unit, zero=self.zero, full=self.full)
+        assert self.column is not None
+        return ColumnOfRecord(column=self.column, unit=self.unit, zero=self.zero, full=self.full)
 
     def step_N(self) -> float:
         """The smallest step of the force, N."""
@@ -97,17 +100,19 @@ class Segments(Section):
     @model_validator(mode="after")
     def _keys_of_its_own_way(self) -> Self:
         needs = {"plateaus": "step", "windows": "length"}
-        if self.step is not None and self.by != "plateaus":
-            raise ValueError('step goes with by = "plateaus"')
-        if self.by in WAYS and getattr(self, needs[self.by]) is None:
-            raise ValueError(f'by = "{self.by}" needs {needs[self.by]}')
-        if self.column is None and (self.hold or self.only is not None):
-            raise ValueError("hold and only go with by = a column of the record")
-        if not self.hold >= 0 or not math.isfinite(self.hold):
-            raise ValueError("hold is a size, in the column's own numbers")
+        if (self.column is None) == (self.cut is None):
+            raise ValueError('give either column or cut = "plateaus" or "windows"')
+        if self.step is not None and self.cut != "plateaus":
+            raise ValueError('step needs cut = "plateaus"')
+        if self.cut is not None and getattr(self, needs[self.cut]) is None:
+            raise ValueError(f'cut = "{self.cut}" needs {needs[self.cut]}')
+        if self.column is None and (self.tolerance or self.keep_where is not None):
+            raise ValueError("tolerance and keep_where need column, a column of the record")
+        if not self.tolerance >= 0 or not math.isfinite(self.tolerance):
+            raise ValueError("tolerance is a size, in the numbers of the column")
         if self.length is not None and self.length < self.shortest:
             raise ValueError("length is below shortest: no window would be a trial")
-        if self.by == "windows" and self.settle >= (self.length or 0.0):
+        if self.cut == "windows" and self.settle >= (self.length or 0.0):
             raise ValueError("settle takes a whole window: make length the longer")
         if self.step is not None:
             with as_fault("step: "):
@@ -134,7 +139,9 @@ def fit_the_rest(cut: Segments | None, records: Records, cell: LoadCell, rate_Hz
             " settle and shortest for its pieces"
         )
     if level_0 and cut.column is None:
-        raise ValueError('tare = "level 0" is the lowest level of a column: [segments] by names it')
+        raise ValueError(
+            'tare = "level 0" is the lowest level of a column: name it by [segments] column'
+        )
     if round(cut.shortest * rate_Hz) < FEWEST_SAMPLES:
         raise ValueError(
             f"[segments] shortest = {cut.shortest:g} s is {cut.shortest * rate_Hz:.3g} samples at"

@@ -27,7 +27,7 @@ def cuts(campaign: Path, out: Path) -> tuple[dict[str, Any], str]:
         raise ManifestError(
             str(campaign / "campaign.toml"),
             "has no [segments]: every record is one trial",
-            "where a record holds many trials, add [segments] with by, settle and shortest",
+            "where a record holds many trials, add [segments] with column, settle and shortest",
         )
     reader = segments.cutting(readers.reader(given.records.reader))
     reader.checked_dialect(given.records.dialect)

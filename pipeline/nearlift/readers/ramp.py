@@ -129,7 +129,7 @@ def ramp_of(
     if times is None:
         throttle = f"{{ column = {name}, {', '.join(meaning)} }}"
         return Ramp(command=command.name, segments=_in_windows(force.values, rate_Hz, throttle))
-    lines = "\n".join(["[segments]", f"by = {name}", *meaning, *times, ""])
+    lines = "\n".join(["[segments]", f"column = {name}", *meaning, *times, ""])
     return Ramp(levels=len(levels), command=command.name, segments=lines)
 
 
@@ -168,7 +168,7 @@ def _without_command(force: Channel, rate_Hz: float | None) -> str:
             return _in_windows(force.values, rate_Hz, throttle)
     unit = AS_FORCE.get(force.unit, force.unit) or "FILL IN"
     return f"""[segments]
-by = "plateaus"
+cut = "plateaus"
 step = "{step:g} {unit}"   # smallest change that is a step
 settle = "{SETTLE_S:.2g} s"
 shortest = "{2 * SHORTEST_S:.2g} s"
@@ -188,7 +188,7 @@ def _in_windows(force: FloatArray, rate_Hz: float | None, throttle: str) -> str:
         longest = CHANGE * stretch / max(float(np.median(moved)), 1e-6)
         window = max(min(SHORTEST_S, longest), 2 * FEWEST_SAMPLES / rate_Hz)
     return f"""[segments]
-by = "windows"
+cut = "windows"
 length = "{window:.2g} s"
 settle = "0 s"
 shortest = "{window / 2:.2g} s"

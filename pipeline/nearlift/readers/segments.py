@@ -122,29 +122,29 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
     """The pieces of a record that was read with all channels of its file; raises as `read`."""
     if whole.contents is None or not len(whole.force_N):
         return Segmented(record=whole)
-    said, rate = campaign.segments, campaign.load_cell.sample_rate
+    section, rate = campaign.segments, campaign.load_cell.sample_rate
     # by the manifest's own check
-    assert said is not None
+    assert section is not None
     assert rate is not None
     channels, path = whole.contents.channels, root / whole.source
     head = min(round(campaign.tare_s * rate), len(whole.force_N))
-    values, edges = _edges(campaign, said, whole, path, head, rate)
+    values, edges = _edges(campaign, section, whole, path, head, rate)
     settle, shortest, length = (
-        round(t * rate) for t in (said.settle, said.shortest, said.length or 0.0)
+        round(t * rate) for t in (section.settle, section.shortest, section.length or 0.0)
     )
     spans = cuts.settled(edges, settle, shortest, length or None)
     _require_yield(spans, edges, settle, rate, str(path))
     # the schedule's columns in the record, each with factor and offset to SI
     bring = {}
-    for name, (column, key) in brought(said).items():
-        at = "segments.by" if key == "segments" else f"{key}.column"
+    for name, (column, key) in brought(section).items():
+        at = "segments.column" if key == "segments" else f"{key}.column"
         channel = pick(channels, column.column, at, str(path))
         bring[name] = channel, *column.linear(dimension_of(name), key)
     zeros: list[cuts.Span] = []
     if campaign.load_cell.tare == "level 0":
         level = {p: _middle("throttle", values[p.start : p.end]) for p in spans.pieces}
         lowest = min(level.values(), default=np.nan)
-        zeros = [p for p in spans.pieces if level[p] <= lowest + said.hold]
+        zeros = [p for p in spans.pieces if level[p] <= lowest + section.tolerance]
     known = {id(pick(channels, name, "", "")) for name in names_of(campaign, whole.trial)}
     known |= {id(channel) for channel, _, _ in bring.values()}
     further = [c for c in channels if id(c) not in known and len(c.values) == len(whole.force_N)]
@@ -183,11 +183,12 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
             )
         )
     parts = [np.array_split(values[p.first : p.end], 4) for p in spans.pieces]
-    moved = [abs(float(p[-1].mean() - p[0].mean())) > SLOPING * said.hold for p in parts]
-    if said.hold and 2 * sum(moved) > len(moved):
+    moved = [abs(float(p[-1].mean() - p[0].mean())) > SLOPING * section.tolerance for p in parts]
+    if section.tolerance and 2 * sum(moved) > len(moved):
         notes.append(
-            f"the level {said.by!r} moves through most of hold = {said.hold:g} within most"
-            " pieces: a ramp has no steps, and hold makes some of it"
+            f"the level {section.column!r} moves through most of tolerance ="
+            f" {section.tolerance:g} within most pieces: a ramp has no steps, and tolerance makes"
+            " some of it"
         )
     return Segmented(
         record=replace(whole, notes=tuple(notes)),
@@ -201,38 +202,38 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
 
 
 def _edges(
-    campaign: Campaign, said: Segments, whole: Record, path: Path, head: int, rate_Hz: float
+    campaign: Campaign, section: Segments, whole: Record, path: Path, head: int, rate_Hz: float
 ) -> tuple[FloatArray, list[cuts.Cut]]:
     """The values that step, and the edges behind the head, by the manifest's way."""
-    values, n, only = whole.force_N, len(whole.force_N), said.only
-    if said.by == "windows":
+    values, n, only = whole.force_N, len(whole.force_N), section.keep_where
+    if section.cut == "windows":
         return values, [(head, n)]
-    if said.column is None:
-        step, steps = said.step_N(), np.abs(np.diff(values[head:][np.isfinite(values[head:])]))
+    if section.column is None:
+        step, steps = section.step_N(), np.abs(np.diff(values[head:][np.isfinite(values[head:])]))
         grain = float(steps[steps > 0].min(initial=np.inf))
         # of a coarse converter every code would be a plateau
         if np.count_nonzero(steps) < 0.5 * len(steps) and step < 3 * grain * (1 - 1e-9) < np.inf:
             what = f"a step of {step:.3g} is less than three of the converter's own ({grain:.3g})"
             raise InputRefused(str(path), what, "take a larger step under [segments]")
-        smallest = max(round((said.settle + said.shortest) * rate_Hz), 1)
+        smallest = max(round((section.settle + section.shortest) * rate_Hz), 1)
         changes = cuts.by_change(values[head:], step, smallest)
         return values, [(head + a, head + b) for a, b in changes]
     if isinstance(only, str):
-        asked = path, campaign.records.dialect, said.by
+        asked = path, campaign.records.dialect, section.column
         words = (guarded.run(words_of, *asked) if packing(path) else words_of(*asked))[:n]
         if only not in words:
             listed = ", ".join(map(repr, sorted(set(words))[:8]))
-            what = f"has no {only!r} in column {said.by!r}"
+            what = f"has no {only!r} in column {section.column!r}"
             raise InputRefused(str(path), what, f"it has {listed}")
         values, only = np.array([float(word == only) for word in words]), 1.0
     else:
         assert whole.contents is not None
-        values = pick(whole.contents.channels, said.by, "segments.by", str(path)).values
+        values = pick(whole.contents.channels, section.column, "segments.column", str(path)).values
         if len(values) != n:
-            what = f"has {n} samples of force and {len(values)} of {said.by!r}"
+            what = f"has {n} samples of force and {len(values)} of {section.column!r}"
             remedy = "a record is cut by a column of the same clock"
             raise InputRefused(str(path), what, remedy)
-    edges = [(head + a, head + b) for a, b in cuts.by_level(values[head:], said.hold)]
+    edges = [(head + a, head + b) for a, b in cuts.by_level(values[head:], section.tolerance)]
     return values, [(a, b) for a, b in edges if only is None or values[a] == only]
 
 
@@ -251,7 +252,7 @@ def _require_yield(
             f"no level holds for more than {longest} sample{'s' * (longest != 1)}: it is a ramp, or"
             " each row is a mean already",
             'means belong in the schedule (reader = "means"); a ramp is cut by windows, or by a'
-            " larger hold under [segments]",
+            " larger tolerance under [segments]",
         )
     enough, less = cuts.longest_shortest(edges, settle), settle
     while enough < FEWEST_SAMPLES and less:
@@ -319,8 +320,8 @@ def schedule_of_trials(
     where a record has none. A name that the schedule has for itself is made the record's. Raises as
     `read_schedule` does.
     """
-    said = campaign.segments
-    assert said is not None
+    section = campaign.segments
+    assert section is not None
     read, notes = read_columns(campaign, root)
     rows, bring = rename_records(campaign, root, read)
     ids = rows["trial"].stripped().tolist()
@@ -342,9 +343,9 @@ def schedule_of_trials(
     columns.setdefault("session", TextColumn("session", records, file, lines))
     for name in bring:
         values = np.array([piece.brought.get(name, np.nan) for piece in trials])
-        if name == said.maps and said.has_level and said.hold > 0:
-            factor, _ = said.level().linear(dimension_of(name), "segments")
-            _join_levels(values, said.hold * abs(factor) * (1 + 1e-9))
+        if name == section.becomes and section.has_level and section.tolerance > 0:
+            factor, _ = section.level().linear(dimension_of(name), "segments")
+            _join_levels(values, section.tolerance * abs(factor) * (1 + 1e-9))
         texts = ["" if value != value else repr(value) for value in values.tolist()]
         unit = units.SI[dimension] if (dimension := dimension_of(name)) else ""
         columns[name] = TextColumn(name, texts, file, lines, unit)

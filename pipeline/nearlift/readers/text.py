@@ -277,7 +277,7 @@ def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
     if column not in layout.names:
         known = ", ".join(map(repr, layout.names))
         what = f"has no column {column!r}"
-        raise InputRefused(str(path), what, f"it has {known}; segments.by names it")
+        raise InputRefused(str(path), what, f"it has {known}; segments.column names it")
     place = layout.names.index(column)
     return [row[place] for row in rows]
 
