@@ -48,3 +48,8 @@ def test_a_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
 )
 def test_units_in_names(name, meant):
     assert headings.named(name) == meant
+
+
+@pytest.mark.parametrize("heading", ["Battery V", "Vbat", "vbat_V"])
+def test_the_battery_of_a_table_is_the_supply(heading):
+    assert headings.schedule_column(heading)[0] == "supply"

@@ -135,17 +135,27 @@ def test_the_number_of_each_assumption(evidence):
     assert (card["coefficients"][0].value.text, card["coefficients"][0].u.text) == ("2.00", "0.12")
 
 
-def test_budget_and_models_have_the_quoted_coefficients(evidence):
+def test_the_budget_has_the_quoted_coefficients_and_models_those_of_their_fits(evidence):
     after = {"value": 2.5, "lo90": 2.4, "hi90": 2.6}
-    named = {
-        "verdict": "effect",
-        "effects": [{"name": "supply_sag"}],
-        "coefficients": {"after": {"K_b": after}},
-    }
-    known = quoted.known(evidence, {"boundaries": {"ground": named}})
-    assert "Ground: K b = 2.50 ± 0.06" in text_of(numbers.budget(known))
-    found = re.findall(r'<data value="2.5" data-source="([^#]*)', models.facts(known))
-    assert found == [RESULTS.file]
+    named = {"effects": [{"name": "supply_sag"}], "coefficients": {"after": {"K_b": after}}}
+    own = evidence.base("ground")[1].parameters["K_b"].value
+    for said, value, file in (("effect", own, FIT.file), ("adequate", 2.5, RESULTS.file)):
+        known = quoted.known(evidence, {"boundaries": {"ground": {**named, "verdict": said}}})
+        assert "Ground: K b = 2.50 ± 0.06" in text_of(numbers.budget(known))
+        cell = rf'<data value="{value:.6g}[^"]*" data-source="{file}#'
+        assert re.search(cell, models.facts(known))
+
+
+def test_a_model_that_only_r2_prefers_is_pointed_at(evidence):
+    """Near a datum the score excuses what R² counts."""
+    other, fit = quoted.fitted(evidence, "ground")
+    scores = other.documents[FIT.file]["comparison"]["ground"]["models"]
+    scores["exponential"]["r2"], scores["exponential"]["d_elpd"] = 0.99999, -50.0
+    height_error = fit.pop("height_error")
+    assert "R² is highest for" not in text_of(models.facts(other))
+    other, fit = quoted.fitted(other, "ground")
+    fit["height_error"] = height_error
+    assert "R² is highest for Exponential" in text_of(models.facts(other))
 
 
 def test_what_would_halve_an_uncertainty_is_said_unless_it_is_out_of_reach(evidence):

@@ -225,6 +225,12 @@ def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
     assert bib.count("{") == bib.count("}")
 
 
+def test_a_source_outside_the_library_is_cited_itself():
+    assert "author = {{nearlift" not in methods._declared(catalogue.effect("supply_sag"))
+    assert "title = {{Bitcraze, PWM" in methods._declared(catalogue.effect("supply_sag"))
+    assert "author = {{nearlift" in methods._declared(catalogue.effect("session_gain"))
+
+
 def test_names_from_files_do_nothing_in_markdown(evidence):
     vehicle = evidence.campaign.vehicle.model_copy(update={"name": r"$x$ \input{y} [@z] `a`"})
     campaign = evidence.campaign.model_copy(update={"vehicle": vehicle})

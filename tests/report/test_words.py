@@ -126,7 +126,7 @@ def size(effect, parameter, value, half, unit, percent):
         ),
         (
             size("gain_drift", "drift", 0.0498, 0.003, "fraction of lift, first to last trial", 5),
-            "drift 4.98 % of lift (90 %: 4.68 to 5.28), first to last trial. Over the trials it changes lift by 5 %",
+            "drift 4.98 % of lift, first to last trial (90 %: 4.68 to 5.28). Over the trials it changes lift by 5 %",
         ),
         (
             size("height_offset", "offset_m", 0.0005, 0.0001, "m", 1.5),

@@ -50,9 +50,8 @@ def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposa
     near, far = float(finite.min()), float(finite.max())
     places: dict[str, tuple[float, ...]] = {}
     if "closer" not in not_feasible:
-        places[f"go closer than now, to z_hat = {0.75 * near:.2g}, if that is feasible"] = (
-            0.75 * near,
-        )
+        closer = f"go closer than now, to z_hat = {0.75 * near:.2g}"
+        places[f"{closer}, if nothing touches there (else state not_feasible)"] = (0.75 * near,)
     places |= {
         f"more visits at the closest distance, z_hat = {near:.2g}": (near,),
         f"visits between z_hat = {near:.2g} and {1.6 * near:.2g}": (near, 1.3 * near, 1.6 * near),

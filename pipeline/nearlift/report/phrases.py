@@ -291,5 +291,4 @@ def _size(size: IdentifiedSize, radius_m: float) -> str:
     if words := SIZE_WORDS.get(size.parameter):
         return f"{words.format(value)} {ends}"
     name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
-    head, comma, tail = unit.partition(", ")
-    return f"{name} {value} {head}".rstrip() + f" {ends}{comma}{tail}"
+    return f"{name} {value} {unit}".rstrip() + f" {ends}"

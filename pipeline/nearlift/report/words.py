@@ -176,13 +176,16 @@ class Brief:
         error = self.quoted.error
         if error is None:
             return ""
-        places = max(decimals(100 * error.noise_floor) + 1, 1) if error.noise_floor > 0 else 2
-        before, after, floor = (
+        floor = 100 * error.noise_floor
+        # two decimals at most, but for a floor below 0.1 %
+        places = max(decimals(floor) + 1, 1) if floor > 0 else 2
+        places = min(places, 2) if floor >= 0.1 else places
+        before, after, noise = (
             fixed(100 * e, places) for e in (error.before, error.after, error.noise_floor)
         )
         then = f", {after} % with the effect" if self.quoted.verdict == "effect" else ""
         left_out = self.evidence.left_out
-        return f"{before} % of lift on {left_out} left out of the fit{then}; noise floor {floor} %"
+        return f"{before} % of lift on {left_out} left out of the fit{then}; noise floor {noise} %"
 
     @property
     def sources(self) -> str:
@@ -239,7 +242,7 @@ class Brief:
         low, high = grid[larger[-1] : larger[-1] + 2]
         at = float(brentq(beyond, low, high, rtol=1e-4))
         mm = 1e3 * at * self.evidence.campaign.vehicle.rotor_radius
-        where = f"ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)"
+        where = f"a recorded ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)"
         return f"Lift changes by less than {100 * SEEN:g} % beyond {where}."
 
     @property

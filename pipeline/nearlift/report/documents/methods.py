@@ -144,12 +144,22 @@ def _known() -> dict[str, str]:
 
 def _declared(declaration: Declaration) -> str:
     citation = re.sub(r"([&_$])", r"\\\1", re.sub(r"[\\{}%#~^]", " ", declaration.source.citation))
+    library = "nearlift, library of models and effects"
+    if citation.startswith("Physics of the bench"):
+        fields = [
+            "author = {{nearlift developers}}",
+            f"title = {{{{{declaration.title}}}}}",
+            f"howpublished = {{{library}}}",
+            f"note = {{{citation}}}",
+        ]
+    else:
+        fields = [
+            f"title = {{{{{citation}}}}}",
+            f"note = {{{declaration.title} of {library}}}",
+        ]
     lines = [
         f"@misc{{{declaration.name}",
-        "  author = {{nearlift developers}}",
-        f"  title = {{{{{declaration.title}}}}}",
-        "  howpublished = {nearlift, library of models and effects}",
-        f"  note = {{{citation}}}",
+        *(f"  {field}" for field in fields),
         *([f"  doi = {{{declaration.source.doi}}}"] if declaration.source.doi else []),
     ]
     return ",\n".join(lines) + "\n}"

@@ -98,10 +98,11 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
             plain(100 * detected[k], 2) for k in ("largest_change", "short_per_sqrt_Hz", "floor")
         )
         plus = "+" if detected["largest_change"] > 0 else ""
+        known = "was found" if "supply_sag" in detected["effects"] else "is assumed"
         parts.append(
             f"{side.capitalize()}, {detected['title']}: largest change of lift measured"
             f" {plus}{largest} %, noise {noise} %/√Hz, floor {floor} %."
-            f" Lift is assumed to scale as voltage^{detected['lift_per_voltage']:.2g}."
+            f" Lift {known} to scale as voltage^{detected['lift_per_voltage']:.3g}."
         )
         if "refused" in detected:
             parts.append(f"Not inverted: {detected['refused']}.")
