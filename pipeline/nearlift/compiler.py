@@ -1,5 +1,5 @@
-"""numba without the settings of the current folder, and with its cache where nobody but this user
-can write.
+"""numba without the settings of the current folder, and with its cache where only this user can
+write.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def _await_end(sentinel: int) -> None:
     from multiprocessing import connection
 
     connection.wait([sentinel])
-    # nobody is left to whom anything could be handed over
+    # no process is left to hand anything over to
     os._exit(1)
 
 

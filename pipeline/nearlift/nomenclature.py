@@ -42,8 +42,8 @@ class Symbol:
     paper_symbol: str = ""
 
 
-#: What was measured beside lift and is carried along: averaged and drawn, while no model is fitted
-#: to it; and, of each, its standard uncertainty.
+#: Outcomes measured with lift, each with its standard uncertainty. They are averaged and drawn;
+#: no model is fitted to them.
 CARRIED = {
     "roll_moment_Nm": "u_roll_moment_Nm",
     "pitch_moment_Nm": "u_pitch_moment_Nm",

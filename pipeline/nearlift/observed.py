@@ -25,7 +25,7 @@ from nearlift.schedule import BY_NAME
 #: Columns of trials.parquet.
 Trials = Mapping[str, NDArray[Any]]
 #: Columns of names that say how trials were run in two ways on purpose.
-TWO_WAYS = ("orientation", "propeller")
+BINARY_COLUMNS = ("orientation", "propeller")
 #: Numbers of trials.parquet that are the setting or the outcome of a trial: no covariates.
 MEASURED = frozenset(
     {"z_hat", "z_m", "throttle", "lift_N", "u_lift_N", "u_zero_N", "n", "n_removed", "n_eff"}
@@ -53,9 +53,9 @@ def observe(trials: Trials, campaign: Campaign, boundary: Boundary) -> Observati
         for name, values in trials.items()
         if name not in MEASURED and values.dtype.kind in "fiu"
     }
-    covariates |= _run_in_two_ways({k: v[mine] for k, v in trials.items() if k in TWO_WAYS})
+    covariates |= _binary_covariates({k: v[mine] for k, v in trials.items() if k in BINARY_COLUMNS})
     for name in (*CARRIED, *CARRIED.values()):
-        # an outcome beside lift, and no condition of it
+        # an outcome measured with lift, and no condition of it
         covariates.pop(name, None)
     if campaign.load_cell.sample_rate is not None and "n" in trials:
         covariates["record_s"] = trials["n"][mine] / campaign.load_cell.sample_rate
@@ -95,7 +95,7 @@ def observe(trials: Trials, campaign: Campaign, boundary: Boundary) -> Observati
     return with_curve(data, names, levels.degree)
 
 
-def _run_in_two_ways(said: Trials) -> dict[str, FloatArray]:
+def _binary_covariates(said: Trials) -> dict[str, FloatArray]:
     """`inverted` (0 upright) and `other_propeller` (0 with those of the first trial), each where
     its column is; nan where that says neither.
     """
@@ -116,8 +116,8 @@ def _in_order(labels: np.ndarray) -> np.ndarray:
     return rank[index].astype(np.int64)
 
 
-def interim_look(trials: Trials, campaign: Campaign, boundary: Boundary) -> InterimLook | None:
-    """How far the boundary's campaign is, free air included; None where no trial is still to come.
+def interim_progress(trials: Trials, campaign: Campaign, boundary: Boundary) -> InterimLook | None:
+    """Progress of the boundary's campaign, free air included; None where no trial is still to come.
 
     A trial is to come if neither it nor any later one has a record: what is missing between others
     was lost. In an unknown order, every missing trial is. ``[diagnose] planned_trials`` is the

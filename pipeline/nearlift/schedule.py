@@ -106,7 +106,7 @@ KNOWN = (
 )
 BY_NAME = {k.name: k for k in KNOWN}
 #: Columns measured in addition to lift; `u_` before a name is the standard uncertainty.
-BESIDE = tuple(k.name for k in KNOWN if k.inside in CARRIED)
+OUTCOMES = tuple(k.name for k in KNOWN if k.inside in CARRIED)
 #: Columns of a schedule that pieces of a record may bring.
 BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.startswith("lift"))
 #: Names that a further column must not have.
@@ -330,7 +330,7 @@ def _constant(name: str, value: object, unit: str) -> tuple[str, str]:
 # ---- schedules of records
 
 
-def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
+def columns_from_record(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
     """The schedule's columns that pieces bring, each with its column of the record and its manifest
     key.
 
@@ -347,7 +347,7 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
         if name in columns:
             raise ManifestError(key, "is given by the level already", "take one of them away")
         columns[name] = column, key
-        if name in BESIDE:
+        if name in OUTCOMES:
             columns[f"u_{name}"] = column, key  # from the same samples
     for name, (column, key) in columns.items():
         column.linear(dimension_of(name), key)
@@ -367,7 +367,7 @@ def rename_records(
     `ManifestError` without a column `record`, or with a column that pieces bring.
     """
     assert campaign.segments is not None
-    bring, at = tuple(brought(campaign.segments)), str(root / campaign.trials.file)
+    bring, at = tuple(columns_from_record(campaign.segments)), str(root / campaign.trials.file)
     if RECORD_COLUMN not in columns or "trial" in columns:
         what = "has a column 'trial'" if "trial" in columns else "has no column 'record'"
         remedy = "with [segments] a row is a record: call the column of its ids record"

@@ -220,7 +220,7 @@ def trials(
     rotors : int
         Number of rotors; 1 for an isolated rotor.
     held : str
-        Quantity that a trial holds constant: ``throttle``, ``voltage``, ``rpm`` or ``power``.
+        Held quantity: ``throttle``, ``voltage``, ``rpm`` or ``power``.
     name : str
         Name of the campaign.
     seed : int

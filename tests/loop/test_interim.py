@@ -15,7 +15,7 @@ from nearlift.loop import structure
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.interim import INTERIM_SHARE, InterimLook, nominal_level
 from nearlift.loop.search_problem import Options
-from nearlift.observed import interim_look
+from nearlift.observed import interim_progress
 
 GROUND = catalogue.model("sanchez_cuevas")
 
@@ -94,7 +94,7 @@ def schedule(marks, order="run", planned=None, boundary=None):
     ],
 )
 def test_who_is_still_to_come(marks, options, expected):
-    look = interim_look(*schedule(marks, **options))
+    look = interim_progress(*schedule(marks, **options))
     assert (look and (look.trials, look.scheduled)) == expected
 
 

@@ -1,4 +1,4 @@
-"""Effects that the means of an ordinary campaign do not show: they act within a record, or need
+"""Effects that the means of an ordinary campaign cannot detect: they act within a record, or need
 trials run in two ways on purpose.
 """
 

@@ -113,7 +113,7 @@ NEAR_WALL_SATURATION = Effect(
 
 
 def held_quantity(ratio: Any, /, *, held_exponent: Any) -> Any:
-    """Ratio: the quantity that a trial holds constant.
+    """Ratio: the held quantity.
 
         ratio -> ratio^held_exponent
 

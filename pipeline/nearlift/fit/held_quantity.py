@@ -1,5 +1,4 @@
-"""The quantity that a trial holds constant, and the exponent of the lift ratio that follows from
-it.
+"""The held quantity, and the exponent of the lift ratio that follows from it.
 
 Every published ratio holds something constant: a model of the flow gives g, and lift scales as g^n.
 The paper, like Cheeseman and Bennett, takes n = 1. Momentum theory at constant power gives 2/3,

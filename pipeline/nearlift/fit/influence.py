@@ -215,7 +215,7 @@ def _headline(fitted: LeastSquaresFit) -> Estimate:
 def _far(
     shift: FloatArray, chi2: FloatArray, clean: LeastSquaresFit, look: FloatArray | float = LOOK
 ) -> list[int]:
-    """The few largest shifts of the headline that are worth a fit, the largest first.
+    """The few largest shifts of the headline that deserve a fit, the largest first.
 
     An outlier inflates the scatter and with it the uncertainty that its shift is compared with; its
     share of chi2 corrects for that.

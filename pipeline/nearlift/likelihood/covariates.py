@@ -48,7 +48,7 @@ def derive(
     first = np.r_[True, data.session[1:] != data.session[:-1]]
     index = np.arange(n, dtype=float)
     if not data.ordered:
-        # nobody knows what came before what, so nothing may vary along it
+        # the order is unknown, so nothing may vary along it
         first, index = np.ones(n, dtype=bool), np.zeros(n)
         known.pop("start_s", None)
     order = (
@@ -108,7 +108,7 @@ def derive(
 
 
 def _usual(data: Observations, speed_Hz: FloatArray) -> FloatArray:
-    """The speed that goes with each trial's throttle."""
+    """The speed expected at each trial's throttle."""
     if data.curve is not None:
         x, y = data.level_columns, np.log(speed_Hz)
         return np.asarray(np.exp(x @ np.linalg.lstsq(x, y, rcond=None)[0]), dtype=np.float64)

@@ -186,7 +186,7 @@ def estimate(
     apart = (squares / size2 - 1) / 2
     spread = np.einsum("k,kij->ij", weight, within) + apart.T @ (weight[:, None] * apart)
     # of the variance of a trial like the others, of which its own record or a published standard
-    # deviation tells a part
+    # deviation determines a part
     parts = size2 * np.stack(model.diagonals, axis=1)
     whole = model.known_variance + parts.sum(axis=1)
     dof = float(np.median(whole**2 / (2 * np.einsum("ij,jk,ik->i", parts, spread, parts))))

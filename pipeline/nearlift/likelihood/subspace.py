@@ -1,5 +1,5 @@
 """Smooth columns along a covariate, and orthonormal bases of what columns span, in coordinates that
-do not hang on rounding.
+do not depend on rounding.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ from nearlift.results.diagnosis import CoefficientLimit
 
 #: Share of a coefficient's information from one distance that makes it depend on that distance.
 SINGLE_VISIT_SHARE = 0.5
-#: Share of a coefficient's information left beside a gain for each session or visit below which the
-#: gain absorbs the coefficient.
+#: Share of a coefficient's information that remains with a gain for each session or visit. Below
+#: it the gain absorbs the coefficient.
 ABSORBED = 0.01
 
 
@@ -27,14 +27,14 @@ def unidentifiable_coefficients(
     Gains per visit are used where visits are few. Trials may be measured or planned.
     """
     jacobian = best.jacobian
-    beside = orthonormal(np.delete(jacobian, np.arange(len(problem.theta)), axis=1))
+    others = orthonormal(np.delete(jacobian, np.arange(len(problem.theta)), axis=1))
     places, station = np.unique(problem.data.z_hat, return_inverse=True)
     absorbing = []
     gain = next(
         e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive
     )
     for i, parameter in enumerate(problem.base.parameters):
-        slope = jacobian[:, i] - beside @ (beside.T @ jacobian[:, i])
+        slope = jacobian[:, i] - others @ (others.T @ jacobian[:, i])
         whole = float(slope @ slope)
         if whole <= 0:
             continue

@@ -15,8 +15,8 @@ from nearlift.loop.confirmation import HeldOut, declared_errors, misfit
 from nearlift.loop.search_problem import SearchProblem
 
 #: Significance level of the test of held-out visits against the noise, one-sided, and of that of
-#: each declared error against its uncertainty, two-sided.
-STRAY = 0.01
+#: each stated uncertainty against its estimate, two-sided.
+SIGNIFICANCE = 0.01
 
 
 def contradictions(problem: SearchProblem, scored: HeldOut | None) -> tuple[str, ...]:
@@ -31,13 +31,13 @@ def _floor_missed(problem: SearchProblem, scored: HeldOut | None) -> list[str]:
     if scored is None:
         return []
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
-    # of a declared error as much is free as the trials tell of it
+    # a stated uncertainty frees as much as the trials determine of it
     declared = problem.space.project(declared_errors(problem).T)
     free = problem.data.unknown_levels + len(problem.start) + np.sum(declared**2)
     left = misfit(problem, problem.noise, scored, scored.before)
     beyond = np.bincount(visit, left - 1 - free / max(problem.data.n - free, 1))
     blocks = len(beyond)
-    if blocks < 3 or beyond.sum() <= t.isf(STRAY, blocks - 1) * np.sqrt(blocks) * beyond.std(
+    if blocks < 3 or beyond.sum() <= t.isf(SIGNIFICANCE, blocks - 1) * np.sqrt(blocks) * beyond.std(
         ddof=1
     ):
         return []
@@ -52,14 +52,14 @@ def _floor_missed(problem: SearchProblem, scored: HeldOut | None) -> list[str]:
 
 
 def _strained(problem: SearchProblem) -> list[str]:
-    """Two-sided z test of each declared error's estimate, by Bonferroni where it has several."""
+    """Two-sided z test of each shared error's estimate, by Bonferroni where it has several."""
     from scipy.stats import norm
 
     # a fit of few visits leaves the declared errors out of its covariance
     problem = dataclasses.replace(problem, independent=False)
     absorbed, reasons = orthonormal(problem.base_fit.jacobian), []
     error = problem.base_fit.datum_chi2**0.5
-    if error > norm.isf(STRAY / 2):
+    if error > norm.isf(SIGNIFICANCE / 2):
         reasons.append(
             f"the distance datum is off by {error:.2g} of its stated standard uncertainties"
         )
@@ -69,7 +69,7 @@ def _strained(problem: SearchProblem) -> list[str]:
             continue
         residual = problem.base_fit.residual - absorbed @ (absorbed.T @ problem.base_fit.residual)
         offset = np.abs(problem.space.project(columns.T) @ residual).max()
-        if offset > norm.isf(STRAY / 2 / columns.shape[1]):
+        if offset > norm.isf(SIGNIFICANCE / 2 / columns.shape[1]):
             reasons.append(
                 f"{part.name} is off by {offset:.2g} of its stated standard uncertainties"
             )

@@ -11,8 +11,8 @@ from nearlift.likelihood.covariates import missing, unlogged
 from nearlift.results import Observations
 from nearlift.results.outlook import UntestableEffect
 
-#: Trials beyond the unknowns (levels and coefficients) whose scatter alone tells noise from
-#: structure.
+#: Trials beyond the unknowns (levels and coefficients) whose scatter alone distinguishes
+#: noise from structure.
 LEAST_TRIALS = 40
 #: Fewest cells of a published table (order unknown, each with a standard deviation), and fewest
 #: beyond the unknowns.
@@ -23,7 +23,9 @@ MOST_SESSIONS = 400
 
 
 def few(data: Observations, base: LiftModel) -> bool:
-    """Whether trials are so few that their own scatter cannot tell noise from structure."""
+    """Whether trials are so few that their own scatter does not distinguish noise from
+    structure.
+    """
     return data.n < LEAST_TRIALS + data.unknown_levels + len(base.parameters)
 
 

@@ -187,7 +187,7 @@ def answers(answer: Answer) -> Answers:
     carried: tuple[str, ...] = ()
     unnamed = np.zeros((problem.data.n, 0))
     if answer.verdict == "unexplained" and not problem.independent:
-        # structure without a name is no noise: it is carried, and the base fit leans away from it
+        # structure without a name is no noise: it is carried, and biases the base fit
         carried = tuple(discrepancy.covariates(answer.first)) or ("distance",)
         unnamed = discrepancy.columns(problem, carried)
     fits = [(e.name, e.fitted, e.form_discrepancy) for e in answer.accepted] or [

@@ -36,7 +36,7 @@ from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.datum import stated_datum
 from nearlift.loop.design_report import sensitivity
 from nearlift.loop.explanation import Explanation
-from nearlift.loop.families import tells
+from nearlift.loop.families import exceed_levels
 from nearlift.loop.far_lift import far_lift
 from nearlift.loop.findings import (
     accepted_explanation,
@@ -392,7 +392,9 @@ def set_up(
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if not e.within_trial)
     absorbed = {
-        e.name for e, c in library_columns(base, between, kept, first.theta) if not tells(c, kept)
+        e.name
+        for e, c in library_columns(base, between, kept, first.theta)
+        if not exceed_levels(c, kept)
     }
     between = tuple(e for e in between if e.name not in absorbed)
     datum = stated_datum(parts, base, kept)

@@ -24,7 +24,7 @@ STEP = "time, step"
 MOVING = "distance x time"
 #: Measured covariates with families of their own, and their names in results.
 SURROUNDINGS = (("supply_V", "supply"), ("temperature_K", "temperature"))
-#: Covariates without a smooth family by default, since another stands for them or none may.
+#: Covariates without a smooth family by default, since another represents them or none may.
 SPOKEN_FOR = {
     "supply_V",
     "temperature_K",
@@ -140,7 +140,7 @@ def families(data: Observations) -> tuple[Hypothesis, ...]:
         every.append(Hypothesis("tilt", "tilt", times(powers(known["tilt_rad"], 2), closeness)))
     for name in _others(data):
         every.append(Hypothesis(name, name, powers(known[name], degree)))
-    kept = [f for f in every if 0 < f.columns.shape[1] <= most and tells(f.columns, data)]
+    kept = [f for f in every if 0 < f.columns.shape[1] <= most and exceed_levels(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
 
 
@@ -149,7 +149,7 @@ def _others(data: Observations) -> list[str]:
     return [k for k in sorted(data.covariates.keys() - SPOKEN_FOR) if varies(data, k)]
 
 
-def tells(columns: FloatArray, data: Observations) -> bool:
+def exceed_levels(columns: FloatArray, data: Observations) -> bool:
     """Whether any column varies beyond L_inf; else its rounding errors would pass for a family."""
     levels = data.level_columns
     left = columns - levels @ np.linalg.lstsq(levels, columns, rcond=None)[0]

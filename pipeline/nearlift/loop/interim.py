@@ -1,6 +1,6 @@
 """Interim analyses: the significance that a claim needs while a campaign is still being recorded.
 
-Under repeated looks, noise exceeds any fixed threshold sooner or later. Before the last trial a
+Under repeated analyses, noise exceeds any fixed threshold sooner or later. Before the last trial a
 claim must therefore cross the O'Brien-Fleming boundary: the z-score required is larger by
 sqrt(scheduled / measured). It depends on the progress of the campaign, not on when or how often it
 was looked at. See docs/decisions.md#interim-analyses.
@@ -14,7 +14,7 @@ import numpy as np
 
 from nearlift.results.diagnosis import InterimClaim
 
-#: Final level of the boundary over the false-alarm rate; all looks together then add at most twice
+#: Final level of the boundary over the false-alarm rate; all analyses together add at most twice
 #: that share of false alarms (reflection principle).
 INTERIM_SHARE = 0.1
 

@@ -31,7 +31,7 @@ from nearlift.results.quotation import Verdict
 PAIRS, FIRST_PAIRS = 40, 8
 #: Allowed error of the first-order gain of a pair, as a share and in chi2.
 LINEARISATION_SLACK, LINEARISATION_SLACK_CHI2 = 0.1, 10.0
-#: A gain in chi2 beyond this many times the number of trials is large beside the noise.
+#: A gain in chi2 beyond this many times the number of trials is large against the noise.
 LARGE = 0.3
 #: Log evidence by which an explanation on a `Shortlist` may trail: first order is not exact.
 SLACK = 3.0
@@ -222,7 +222,7 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
 def promising(
     problem: SearchProblem, alone: Mapping[Effect, Explanation]
 ) -> list[tuple[Effect, Effect]]:
-    """Pairs of effects worth a fit, by their possible gain, largest first.
+    """Pairs of effects that deserve a fit, by their possible gain, largest first.
 
     `alone` are the explanations by one effect. If one of them is accepted, they are the pairs that
     could gain more than the likeliest by `PLAIN_2LNB`. Else they are the first few, and those that
@@ -246,11 +246,11 @@ def promising(
         return [(one, two) for gain, one, two in offered if gain > least]
 
     def may_be_needed(gain: float, one: Effect, two: Effect) -> bool:
-        most, beside = (
+        most, base = (
             (1 + LINEARISATION_SLACK) * gain + LINEARISATION_SLACK_CHI2,
             max(gains[one.name], gains[two.name]),
         )
-        return bool(problem.explains_enough(most - beside, problem.excess - beside))
+        return bool(problem.explains_enough(most - base, problem.excess - base))
 
     return [
         (one, two)

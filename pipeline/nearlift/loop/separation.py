@@ -31,13 +31,13 @@ POINTLESS = 1e-6
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """A session that could be measured, in words and as the trials it would add; `worth` weighs
+    """A session that could be measured, in words and as the trials it would add; `weight` weighs
     its evidence in the ranking.
     """
 
     text: str
     added: Observations
-    worth: float = 1.0
+    weight: float = 1.0
 
 
 def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposal]:
@@ -62,7 +62,7 @@ def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposa
     if "farther" in not_feasible:
         places = {text: z for text, z in places.items() if max(z) <= far}
     proposals = [
-        Proposal(text=text, added=session(data, z), worth=IF_FEASIBLE if min(z) < near else 1.0)
+        Proposal(text=text, added=session(data, z), weight=IF_FEASIBLE if min(z) < near else 1.0)
         for text, z in places.items()
     ]
     if "approach" in data.covariates and "both directions" not in not_feasible:
@@ -176,7 +176,7 @@ def next_experiment(problem: SearchProblem, answer: Answer) -> tuple[NextSession
             whole = join(problem.data, proposal.added)
             gain = parted(problem, whole, best.fitted.point, rival.fitted.point) - now
             ranked.append((gain / proposal.added.n, proposal))
-        rate, proposal = max(ranked, key=lambda item: item[0] * item[1].worth)
+        rate, proposal = max(ranked, key=lambda item: item[0] * item[1].weight)
         if rate < POINTLESS:
             continue
         wanted = max(APART - now, 0.0)

@@ -169,9 +169,9 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     if few(data, answer.problem.base):
         return each_of(data.visit, data)
     influential = influential_trials(answer, quoted, data.visit)
-    hinge = quoted.most_influential
-    if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in influential]:
-        return (hinge[1], *influential)
+    most = quoted.most_influential
+    if most and most[0] == "visit" and most[1].id not in [one.id for one in influential]:
+        return (most[1], *influential)
     return influential
 
 

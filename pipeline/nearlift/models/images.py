@@ -130,7 +130,7 @@ def cheeseman_bennett_cancelled(z_hat: Any, /, *, k: Any) -> Any:
 
     Convention: z_hat is rotor plane to ground over rotor radius; k > 0 gains lift, k = 1 is the
     theory, k < 0 loses lift. The theory holds power constant and leaves the induced velocity v_i as
-    it was without the image. The quantity that a trial holds constant matters as much as k: see
+    it was without the image. The held quantity matters as much as k: see
     `cheeseman_bennett_constant_power`.
 
     Approximation: potential flow; one point source for the image; inflow uniform over an infinitely

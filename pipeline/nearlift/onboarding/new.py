@@ -55,8 +55,8 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     """Write a campaign for files: their manifest, and a schedule with a line for each trial.
 
     `files` are records, one for each trial, and perhaps the schedule: a table of which a column
-    holds their names. Or they are one long table of Parquet, or one table of means. A folder stands
-    for the files in it. Files inside the campaign's folder stay where they are; others are copied
+    holds their names. Or they are one long table of Parquet, or one table of means. A folder means
+    the files in it. Files inside the campaign's folder stay where they are; others are copied
     into it. `dialect` is as ``[records] dialect`` takes it.
 
     Raises

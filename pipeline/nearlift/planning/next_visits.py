@@ -220,7 +220,7 @@ def _quoted(quoted: Results, problem: SearchProblem, name: str) -> list[str]:
     if not u > NOTED_RATIO * floor:
         return []
     note = (
-        f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which rests on more than the"
+        f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which depends on more than the"
         " noise floor: few visits, or confounded explanations"
     )
     return [note]

@@ -32,7 +32,7 @@ ASSUMED = Noise(
     height_m=5e-5,
     source="assumed: 0.5 % of lift, 0.3 mN, 0.05 mm per visit",
 )
-#: Full throttle lifts twice the weight, and lift goes with this power of throttle: Bitcraze's table
+#: Full throttle lifts twice the weight, and lift scales as this power of throttle: Bitcraze's table
 #: of the Crazyflie has 1.3 to 1.5.
 FULL_WEIGHTS, THRUST_POWER = 2.0, 1.4
 #: Distance past a station to which the traverse goes, to arrive from the other side.

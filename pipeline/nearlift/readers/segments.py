@@ -27,13 +27,13 @@ from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
 from nearlift.schedule import (
-    BESIDE,
     BY_NAME,
+    OUTCOMES,
     RECORD_COLUMN,
     RESERVED,
     Schedule,
     TextColumn,
-    brought,
+    columns_from_record,
     dimension_of,
     of_columns,
     read_columns,
@@ -136,7 +136,7 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
     _require_yield(spans, edges, settle, rate, str(path))
     # the schedule's columns in the record, each with factor and offset to SI
     bring = {}
-    for name, (column, key) in brought(section).items():
+    for name, (column, key) in columns_from_record(section).items():
         at = "segments.column" if key == "segments" else f"{key}.column"
         channel = pick(channels, column.column, at, str(path))
         bring[name] = channel, *column.linear(dimension_of(name), key)
@@ -166,7 +166,7 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
         running = level_of.get("throttle", 1.0) > 0 <= level_of.get("distance", 0.0)
         if piece in zeros or not running:
             continue
-        for name in bring.keys() & set(BESIDE):
+        for name in bring.keys() & set(OUTCOMES):
             channel, factor, _ = bring[name]
             zero = _zero(channel.values, zeros, piece, head)
             mean, u = _less_zero(channel.values[span], zero, rate)

@@ -19,11 +19,11 @@ from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median
 #: uncertain, more are asked for.
 APART, FEW = 6.5, 20
 #: Share of that distance at which samples are outlying if there are so many, of at least so many.
-NEARER, SEVERAL, MANY = 0.7, 3, 100
+NEARER, MIN_OUTLYING, MIN_SAMPLES = 0.7, 3, 100
 #: Samples of the first look, and the standard deviations at which blocks are looked at again.
 FIRST_LOOK, UNEVEN = 64, 5.0
 #: Blocks that a stretch is cut into, and samples that each has at least, if there are enough; and
-#: the fewest that tell anything.
+#: the fewest that show anything.
 BLOCKS, SHORTEST_BLOCK, FEWEST_BLOCKS = 32, 8, 10
 #: A trend is a cubic that explains so many times what noise would, by the blocks' means; of few,
 #: more is asked for.
@@ -80,7 +80,11 @@ def far_samples(values: FloatArray, step: float) -> BoolArray:
     away = np.abs(values - median(values))
     limit = _apart(len(values)) * max(SD_PER_MAD * median(away), HIDDEN * step)
     nearer: BoolArray = away > NEARER * limit
-    return nearer if len(values) >= MANY and np.count_nonzero(nearer) >= SEVERAL else away > limit
+    return (
+        nearer
+        if len(values) >= MIN_SAMPLES and np.count_nonzero(nearer) >= MIN_OUTLYING
+        else away > limit
+    )
 
 
 def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> BoolArray | None:
@@ -190,7 +194,7 @@ def ends_apart(values: FloatArray, step: float) -> float:
     return apart if apart > _apart(len(means)) * noise else 0.0
 
 
-def wander(values: FloatArray, means: FloatArray, step: float) -> float:
+def slow_drift(values: FloatArray, means: FloatArray, step: float) -> float:
     """Half range of the level, by a cubic through the blocks' `means`; 0 if it is only noise.
 
     A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes

@@ -19,7 +19,7 @@ from nearlift.reduction.stretch import SD_PER_MAD, median
 
 Cut = tuple[int, int]
 #: Batches that the shortest piece is cut into before changes are looked for, and the most that a
-#: record may have: time goes with their square.
+#: record may have: time scales as their square.
 BATCHES, MOST = 8, 4000
 #: What a further change must gain, in logarithms of the number of batches: white noise is split in
 #: fewer than one record of a hundred.

@@ -161,7 +161,7 @@ def lift_change(
     for side, level, far, farthest in () if curve else judge.without_reference(trials):
         ends, remedy = "it has no L_inf, hence no Delta L", "measure it far away, or in free air"
         if near_reference:
-            ends = "its Delta L rests on a lift that the boundary changes, as asked"
+            ends = "its Delta L depends on a lift that the boundary changes, as asked"
         else:
             lacking |= ((table["boundary"] == side) & (table["throttle"] == level)).to_numpy()
             remedy += ", or say near_reference = true under [quality]"

@@ -21,11 +21,11 @@ from nearlift.reduction.samples import (
     FEWEST_REPEATS,
     LARGEST_N,
     Conditions,
-    clipped,
+    check_clipping,
+    check_stuck,
     clock_codes,
-    forces,
-    stuck,
-    without_strays,
+    drop_spikes,
+    valid_samples,
 )
 from nearlift.reduction.start import steady_after
 from nearlift.reduction.stretch import SD_PER_MAD, median
@@ -112,7 +112,7 @@ def reduce_record(
         return Reduced(codes=(*flags, "NO_DATA"))
     if n < FEWEST_SAMPLES:
         return Reduced(codes=(*flags, "TOO_SHORT"))
-    kept, codes_of_samples = without_strays(live.values, live.sums, conditions.range_N)
+    kept, codes_of_samples = drop_spikes(live.values, live.sums, conditions.range_N)
     flags += codes_of_samples
     if len(kept) < n:
         removed += n - len(kept)
@@ -126,9 +126,9 @@ def reduce_record(
     # least squares, and its standard error from the noise at low frequency
     power = n * (n**2 - 1) / 12
     slope, u_slope = run.tilt / power * rate_Hz, math.sqrt(live.density / power) * rate_Hz
-    flags += stuck(live.values, run)
+    flags += check_stuck(live.values, run)
     flags += _mixed(live, u2, allowed)
-    flags += clipped(live.values, run)
+    flags += check_clipping(live.values, run)
     if slow := outlasting(live.values, run.batches, u2, rate_Hz):
         u2 = slow.variance
         flags += ["slow"] if slow.is_too_long else []
@@ -184,8 +184,8 @@ def _readable(
     if math.isfinite(sums[0].mean + sums[1].mean) and largest <= (range_N or LARGEST_N):
         return tare, live, []
     whole = len(tare.values) + len(live.values)
-    tare = part_of(forces(tare.values, range_N), rate_Hz, tone=False)
-    live = part_of(forces(live.values, range_N), rate_Hz, tone=True)
+    tare = part_of(valid_samples(tare.values, range_N), rate_Hz, tone=False)
+    live = part_of(valid_samples(live.values, range_N), rate_Hz, tone=True)
     lost = whole - tare.sums.n - live.sums.n
     if not lost:
         return tare, live, []
@@ -224,18 +224,18 @@ def _zero_of(
     noise = math.sqrt(run.squares / (run.n - 1))
     repeats = rest.n >= contamination.FEW and rest.repeats >= FEWEST_REPEATS * rest.n
     # one value repeats, though the converter would show some noise
-    if repeats and stuck(tare, rest) and noise > COARSE * contamination.step_of(live):
+    if repeats and check_stuck(tare, rest) and noise > COARSE * contamination.step_of(live):
         return zero, u2, ["STUCK"], 0
     single, uneven = contamination.suspicious(tare, rest)
     single = single and bool(contamination.far_samples(tare, 0.0).any())
     step = contamination.step_of(live) if single or uneven else 0.0
     if single and (far := contamination.far_samples(tare, step)).any():
         _, density, kept = part_of(tare[~far], rate_Hz, tone=False)
-        worth, u = zero - kept.mean, math.sqrt(u2_live + density / kept.n)
+        moved, u = zero - kept.mean, math.sqrt(u2_live + density / kept.n)
         isolated = contamination.are_single(far)
-        if abs(worth) > u and not isolated:
+        if abs(moved) > u and not isolated:
             return zero, u2, ["TARE"], 0
-        if abs(worth) > MATTERS * u and isolated:
+        if abs(moved) > MATTERS * u and isolated:
             tare, zero, u2, codes = tare[~far], kept.mean, density / kept.n, ["spikes"]
             left_out = int(far.sum())
     if uneven:
@@ -245,9 +245,9 @@ def _zero_of(
             return zero, u2, ["TARE"], 0
     means = contamination.blocks(tare)
     slow = outlasting(tare, means, u2, rate_Hz, tone=False)
-    if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
-        away := contamination.wander(tare, means, contamination.step_of(live))
-    ):
+    if (away := contamination.slow_drift(tare, means, 0.0)) > MATTERS * math.sqrt(
+        u2_live + u2
+    ) and (away := contamination.slow_drift(tare, means, contamination.step_of(live))):
         codes = [*codes, "DRIFT" if away > conditions.drift * abs(run.mean - zero) else "drift"]
         u2 += away**2
     if slow and slow.variance > u2:

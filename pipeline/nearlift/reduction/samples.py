@@ -42,9 +42,9 @@ class Conditions:
     range_N: float | None = None
 
 
-def forces(values: FloatArray, range_N: float | None) -> FloatArray:
+def valid_samples(values: FloatArray, range_N: float | None) -> FloatArray:
     """The samples that hold a number, clipped to the cell's range; unless most are beyond it, which
-    tells of another unit than the manifest's.
+    shows another unit than the manifest's.
     """
     with np.errstate(invalid="ignore"):
         finite = values[np.abs(values) <= LARGEST_N]
@@ -53,22 +53,22 @@ def forces(values: FloatArray, range_N: float | None) -> FloatArray:
     return np.clip(finite, -range_N, range_N)
 
 
-def without_strays(
+def drop_spikes(
     live: FloatArray, run: Stretch, range_N: float | None
 ) -> tuple[FloatArray, list[str]]:
     """The samples without the few far from the rest or at the end of the range, and their codes."""
-    stray, codes = np.zeros(0, dtype=bool), []
+    outlying, codes = np.zeros(0, dtype=bool), []
     if range_N is not None and max(run.high, -run.low) >= END_OF_RANGE * range_N:
-        stray = np.abs(live) >= END_OF_RANGE * range_N
-        if np.count_nonzero(stray) > max(FEW_AT_END, SHARE_AT_END * run.n):
+        outlying = np.abs(live) >= END_OF_RANGE * range_N
+        if np.count_nonzero(outlying) > max(FEW_AT_END, SHARE_AT_END * run.n):
             return live, ["SATURATED"]
         codes.append("saturated")
     if run.far:
         far = _far(live)
         if far.any():
-            stray = stray | far if len(stray) else far
+            outlying = outlying | far if len(outlying) else far
             codes.append("spikes")
-    return (live[~stray] if codes else live), codes
+    return (live[~outlying] if codes else live), codes
 
 
 def _far(live: FloatArray) -> BoolArray:
@@ -86,7 +86,7 @@ def _far(live: FloatArray) -> BoolArray:
     return far if far.mean() <= contamination.LARGEST_SHARE else np.zeros(len(live), dtype=bool)
 
 
-def stuck(live: FloatArray, run: Stretch) -> list[str]:
+def check_stuck(live: FloatArray, run: Stretch) -> list[str]:
     """A channel that repeats one value."""
     n = run.n
     if run.high == run.low:
@@ -101,7 +101,7 @@ def stuck(live: FloatArray, run: Stretch) -> list[str]:
     return []
 
 
-def clipped(live: FloatArray, run: Stretch) -> list[str]:
+def check_clipping(live: FloatArray, run: Stretch) -> list[str]:
     """Whether the record is clipped, somewhere below the cell's range.
 
     It is where it stays at its own extreme for ten samples in a row. Where the tone brings it there

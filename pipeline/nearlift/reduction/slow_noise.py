@@ -38,13 +38,13 @@ SHARES = (0.25, 0.5, 0.75, 0.9, 1.0)
 TYPICAL_TIME, LET_THROUGH = 1 / 30, 1.85
 #: Odds against white noise from which on slow noise is believed.
 ODDS = 100.0
-#: Correlation time over the record's length from which on one record cannot tell how far its mean
-#: is off.
+#: Correlation time over the record's length from which on one record does not determine the error
+#: of its mean.
 TOO_LONG = 0.25
 #: Hann windows over white noise: correlation of neighbours that overlap by half, and spectral
 #: density per half batch over the variance of a mean.
 OVERLAP, WHITE = 1 / 6, 4 / 3
-#: Degrees of the polynomials that are taken out: of the level, and of a drift.
+#: Degrees of the polynomials that are subtracted: of the level, and of a drift.
 CONSTANT, LINE = 0, 1
 #: Beyond it an exponential overflows.
 LARGEST_LOG = 700.0

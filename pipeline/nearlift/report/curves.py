@@ -186,7 +186,7 @@ def _base_curve(evidence: Evidence, boundary: Boundary, distances: bytes) -> Cur
         reach = _quantile90(fit) * uncertainty(model, z_hat, values, fit.covariance)
         drawn = plain - reach, plain, plain + reach
     low, middle, high = drawn
-    if endless(fit):
+    if has_open_interval(fit):
         low = high = np.full_like(middle, np.nan)
     return Curve(middle=middle, low=low, high=high, least_squares=plain)
 
@@ -217,9 +217,9 @@ def posterior_quantiles(
     return low, middle, high
 
 
-def endless(fit: ModelFit) -> bool:
-    """Whether a determined coefficient's 90 % interval has no end, because no repeats tell what the
-    trials of a visit share.
+def has_open_interval(fit: ModelFit) -> bool:
+    """Whether a determined coefficient's 90 % interval has no end, because no repeats
+    determine the error that trials of a visit share.
     """
     return any(math.isfinite(e.u) and math.isinf(e.lo90) for e in fit.parameters.values())
 

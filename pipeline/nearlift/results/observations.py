@@ -107,7 +107,7 @@ class Observations:
         return np.stack([known[name] for name in self.curve.of])
 
     def shown(self, coefficients: FloatArray) -> FloatArray:
-        """Rows that go with `level_columns`, (K, ...), as those of `levels`."""
+        """Rows that multiply `level_columns`, (K, ...), as those of `levels`."""
         if self.curve is None:
             return coefficients
         return self.curve.columns(self.curve.at(self.levels)) @ coefficients

@@ -1,4 +1,4 @@
-"""provenance.json: what each stage read, what it made of it, and by what. Files go by SHA-256."""
+"""provenance.json: inputs, products and software of each stage. Files are identified by SHA-256."""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ SEVERITY = (0, SOME_TRIALS_REJECTED, 2, 5, 4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class End:
-    """How one campaign ended: its name (its folder where the manifest was refused), the exit code
+class CampaignOutcome:
+    """Outcome of one campaign: its name (its folder where the manifest was refused), the exit code
     that it would have had alone, one line of results or refusal, and the stages that were stale.
     """
 
@@ -44,7 +44,7 @@ def run_campaigns(
     seed: int,
     words: Callable[[Job], str],
     only: str | None = None,
-) -> Iterator[End]:
+) -> Iterator[CampaignOutcome]:
     """Run each campaign, or one stage of each, in the order given; ends come as they are known.
     `words` are those of a campaign that is done.
 
@@ -93,7 +93,7 @@ def run_one(
     seed: int,
     words: Callable[[Job], str],
     only: str | None,
-) -> End:
+) -> CampaignOutcome:
     """Run one campaign; a refusal is an answer like any other."""
     name, steps, start = str(root), list[Step](), time.perf_counter()
     try:
@@ -112,7 +112,7 @@ def run_one(
         line = f"exit code {code}: {str(refusal).splitlines()[0]}"
     ran = tuple(step.stage.name for step in steps if step.why)
     wall_s = time.perf_counter() - start
-    return End(campaign=name, exit_code=code, words=line, ran=ran, wall_s=wall_s)
+    return CampaignOutcome(campaign=name, exit_code=code, words=line, ran=ran, wall_s=wall_s)
 
 
 def _require_names(roots: Sequence[Path]) -> None:
@@ -133,7 +133,7 @@ def _require_names(roots: Sequence[Path]) -> None:
         seen[name] = root
 
 
-def most_serious(ends: Sequence[End]) -> int:
+def most_serious(ends: Sequence[CampaignOutcome]) -> int:
     """The exit code of all campaigns."""
     return max((end.exit_code for end in ends), key=SEVERITY.index, default=0)
 

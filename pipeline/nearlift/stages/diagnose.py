@@ -78,7 +78,7 @@ def run(job: Job) -> Outcome:
         at_the_disk,
         boundaries,
         choice,
-        interim_look,
+        interim_progress,
         observe,
         search_options,
     )
@@ -109,7 +109,7 @@ def run(job: Job) -> Outcome:
                 base,
                 parts,
                 replace(options, downwash=downwash),
-                look=interim_look(trials, job.campaign, boundary),
+                look=interim_progress(trials, job.campaign, boundary),
                 progress=partial(_say_fold, say, boundary),
             )
         except NotConverged as fault:

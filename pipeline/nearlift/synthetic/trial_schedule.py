@@ -154,7 +154,7 @@ def balanced(design: TrialSchedule, *, seed: int) -> TrialSchedule:
         if not np.array_equal(np.sort(throttle[here]), levels):
             continue
         if not turn:
-            # the numbering of the throttles is drawn anew for each square
+            # the numbering of the throttles is drawn again for each square
             turn = [
                 rng.permutation(len(levels))[row] for row in orders[rng.permutation(len(orders))]
             ]

@@ -219,8 +219,10 @@ def _line_note(evidence: Evidence, table: pd.DataFrame) -> str:
         said += " Least squares gives the same line."
     if other := [b for b in evidence.boundaries if not curves.quoted_model(evidence, b).is_base]:
         said += f" {listed(other).capitalize()}: the quoted model and its 90 % band."
-    if endless := [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]:
-        said += f" No band ({', '.join(endless)}): the coefficients have unbounded intervals."
+    if open_ended := [
+        b for b in evidence.boundaries if curves.has_open_interval(evidence.base(b)[1])
+    ]:
+        said += f" No band ({', '.join(open_ended)}): the coefficients have unbounded intervals."
     return said
 
 
