@@ -10,7 +10,7 @@ from tests.unit.simulated import campaign, hsiao
 from nearlift import catalogue
 from nearlift.errors import NotConverged
 from nearlift.likelihood.covariates import derive
-from nearlift.loop import design_report
+from nearlift.loop import predictions
 from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.expected_noise import planned
@@ -170,13 +170,13 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
     design, library, _ = planned(
         data, catalogue.model("hsiao_chirarattananon"), (), NOISE, Options(), np.array([0.125])
     )
-    row = design_report.effect_outlook(design, size_parameter("height_scale"), [1.0])
+    row = predictions.effect_outlook(design, size_parameter("height_scale"), [1.0])
     assert row.verdict == "silent"
     assert row.detection_limit is None
     assert row.bias["alpha"].in_u != 0
     assert "height_scale" in {e.name for e in library}
     assert row.seen == 0
-    assert design_report.effect_outlook(design, size_parameter("session_gain"), [1.0]).seen > 0.5
+    assert predictions.effect_outlook(design, size_parameter("session_gain"), [1.0]).seen > 0.5
 
 
 def test_too_few_planned_trials_are_refused():
@@ -200,7 +200,7 @@ def test_groups_are_linked_pairs():
         row("f", "too small to see", a=0.9),
         row("g", h=0.7),
     ]
-    assert design_report.groups(rows) == (("a", "b", "c"), ("g", "h"))
+    assert predictions.groups(rows) == (("a", "b", "c"), ("g", "h"))
 
 
 def test_the_same_trials_from_both_sides_let_backlash_show(design):

@@ -34,7 +34,7 @@ from nearlift.results.fit import FitResults, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult
 
 Table = dict[str, NDArray[Any]]
-Say = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 #: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
 #: errors are not there: fewer than one false note in a million boundaries.
 SURELY_LESS = 1e-6
@@ -62,7 +62,7 @@ def fit_boundary(
     data_sha256: str,
     *,
     outlying: Collection[str] = (),
-    say: Mapping[str, Say],
+    say: Mapping[str, Progress],
 ) -> None:
     """Add to `fits` the base model of a boundary, which comes first, and its rivals; a rival that
     fails is noted.

@@ -34,7 +34,6 @@ from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.datum import stated_datum
-from nearlift.loop.design_report import sensitivity
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import exceed_levels
 from nearlift.loop.far_lift import far_lift
@@ -48,6 +47,7 @@ from nearlift.loop.findings import (
 )
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import MANY, prepare
+from nearlift.loop.predictions import sensitivity
 from nearlift.loop.result import posterior_density, result
 from nearlift.loop.search import Answer, Shortlist, run, search_to_convergence
 from nearlift.loop.search_problem import SILENT, Options, SearchProblem

@@ -10,7 +10,7 @@ from nearlift.campaign.forecasts import Planned
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged, UsageError
-from nearlift.loop.design_report import outlook
+from nearlift.loop.predictions import outlook
 from nearlift.observed import boundaries, choice
 from nearlift.planning.forecast import of_plan
 from nearlift.planning.plans import PlannedTrials, draw, scatter

@@ -1,4 +1,4 @@
-"""Report of a design: effects detected or confounded, and detection limits of few trials."""
+"""Predictions for a design: effects detected or confounded, and detection limits of few trials."""
 
 from __future__ import annotations
 
