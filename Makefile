@@ -21,9 +21,9 @@ demo: $(READY)            ## the main job on the embedded, simulated campaign; e
 measured: $(READY)        ## fetch the public campaigns by digest, run the loop on each, and write docs/measured.md
 	$(BIN)/python -m measured
 
-test: $(TOOLS)            ## all tests but the slow calibration; with COVERAGE=1, the share of lines that they run, by room
+test: $(TOOLS)            ## all tests but the slow calibration; with COVERAGE=1, the share of lines that they run, by package
 	$(BIN)/$(if $(COVERAGE),coverage run -m )pytest -n auto --dist worksteal
-	$(if $(COVERAGE),$(BIN)/python -m tests.coverage_by_room)
+	$(if $(COVERAGE),$(BIN)/python -m tests.coverage_by_package)
 
 nightly: $(TOOLS)         ## the tests that are too slow for every change
 	$(BIN)/pytest -n auto --dist worksteal -m nightly

@@ -64,7 +64,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """With --core, modules of other rooms are not even imported."""
+    """With --core, modules of other packages are not even imported."""
     is_test = collection_path.match("test_*.py") and collection_path.is_relative_to(
         SOURCES["tests"]
     )

@@ -64,7 +64,7 @@ def used(test: str) -> frozenset[str]:
 
 @functools.cache
 def core_rooms() -> frozenset[str]:
-    """The loop and every room below it in the layers of pyproject.toml."""
+    """The loop and every package below it in the layers of pyproject.toml."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     layers = next(
         c["layers"] for c in settings["tool"]["importlinter"]["contracts"] if "layers" in c

@@ -150,7 +150,7 @@ def every(root: Path, path: Path) -> list[Mutant]:
 
 
 def drawn(root: Path, rooms: Sequence[Path], count: int, seed: int) -> list[Mutant]:
-    """`count` mutants, from each room in turn, and in a room as many of each kind as can be. A draw
+    """`count` mutants, from each package in turn, and in a package as many of each kind as can be. A draw
     goes by a digest of what is changed, so that code written elsewhere leaves it as it is.
     """
 

@@ -1,4 +1,4 @@
-"""The house: a class has one name in the whole package, no name is a word that says nothing, no
+"""The codebase: a class has one name in the whole package, no name is a word that says nothing, no
 module is long, and the list of slow tests is of tests that exist.
 """
 

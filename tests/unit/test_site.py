@@ -118,13 +118,13 @@ def test_the_picture_of_the_rooms_is_up_to_date():
     )
 
 
-def test_every_room_is_in_the_picture():
+def test_every_package_is_in_the_picture():
     named = set(
         re.findall(
             r">(\w+)</text>", (ROOT / "docs" / "architecture.svg").read_text(encoding="utf-8")
         )
     )
-    rooms = {
+    packages = {
         p.name for p in (ROOT / "pipeline" / "nearlift").iterdir() if (p / "__init__.py").exists()
     }
-    assert rooms <= named
+    assert packages <= named

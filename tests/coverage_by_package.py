@@ -1,4 +1,4 @@
-"""Line coverage of each room, of the core and of the whole, from what `make test COVERAGE=1` recorded.
+"""Line coverage of each package, of the core and of the whole, from what `make test COVERAGE=1` recorded.
 
 The exit code is 1 where the core is below `CORE` or the whole below `WHOLE` per cent.
 """
@@ -17,8 +17,8 @@ from tests.imports import SOURCES, core_rooms
 CORE, WHOLE = 95.0, 88.0
 
 
-def rooms(report: Path) -> pd.DataFrame:
-    """Lines, and those that ran, by room, from a report of coverage.py in JSON."""
+def packages(report: Path) -> pd.DataFrame:
+    """Lines, and those that ran, by package, from a report of coverage.py in JSON."""
     files = pd.read_json(report, typ="series")["files"]
     table = pd.DataFrame(
         [
@@ -27,10 +27,10 @@ def rooms(report: Path) -> pd.DataFrame:
         ],
         columns=["parts", "summary"],
     )
-    table["room"] = [parts[0].removesuffix(".py") for parts in table["parts"]]
+    table["package"] = [parts[0].removesuffix(".py") for parts in table["parts"]]
     table["lines"] = [s["num_statements"] for s in table["summary"]]
     table["ran"] = [s["covered_lines"] for s in table["summary"]]
-    return table.groupby("room")[["lines", "ran"]].sum()
+    return table.groupby("package")[["lines", "ran"]].sum()
 
 
 def main() -> int:
@@ -41,7 +41,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
         data.json_report(outfile=str(report))
-        table = rooms(report)
+        table = packages(report)
     core = table[table.index.isin(core_rooms())].sum().rename("core")
     table = pd.concat([table, core.to_frame().T, table.sum().rename("whole").to_frame().T])
     table["per cent"] = (100 * table["ran"] / table["lines"]).round(1)
