@@ -21,7 +21,7 @@ from nearlift.fit.solver import solve
 from nearlift.fit.summary import closeness, summary
 from nearlift.likelihood import noise
 from nearlift.likelihood.budget import Component
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Noise, Observations
 
 MODEL = catalogue.model("sanchez_cuevas")
@@ -347,7 +347,7 @@ def test_a_model_without_a_value_wherever_it_starts_is_refused_with_the_trials_t
         ),
     )
     data = campaign(3)
-    problem = Problem(
+    problem = Likelihood(
         model=model, data=data, covariance=noise.trial_covariance(data, SCATTER, np.zeros(data.n))
     )
     text = (

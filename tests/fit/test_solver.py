@@ -18,7 +18,7 @@ from nearlift.fit import solver
 from nearlift.fit.held_quantity import at_exponents
 from nearlift.fit.information import parameter_covariance
 from nearlift.fit.least_squares import fit
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Noise
 
 X = np.linspace(0.2, 2.0, 40)
@@ -130,7 +130,7 @@ def test_the_batched_search_ends_where_lmfit_does(model):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Raised(Problem):
+class Raised(Likelihood):
     """The same trials, the model's ratio raised to a fixed exponent."""
 
     exponent: float = 1.0

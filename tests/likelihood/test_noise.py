@@ -15,7 +15,7 @@ from nearlift import catalogue
 from nearlift.fit import least_squares
 from nearlift.likelihood import noise, semiseparable, variance_components
 from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import Problem, height_slope
+from nearlift.likelihood.problem import Likelihood, height_slope
 from nearlift.results import Noise, Observations
 
 MODEL, VALUES, THETA = catalogue.model("sanchez_cuevas"), {"K_b": 2.0}, np.array([2.0])
@@ -30,7 +30,7 @@ def estimate(data: Observations, **how) -> Noise:
     """Noise about the model's true curve, beside what any model of distance and throttle
     may lack.
     """
-    problem = Problem(
+    problem = Likelihood(
         model=MODEL,
         data=data,
         covariance=noise.trial_covariance(data, Noise(relative=0.01), np.zeros(data.n)),
@@ -52,7 +52,7 @@ def estimate(data: Observations, **how) -> Noise:
 def test_what_a_model_may_lack_has_no_scale():
     """Curves a million times smaller are the same curves."""
     data = campaign(7)
-    problem = Problem(
+    problem = Likelihood(
         model=MODEL,
         data=data,
         covariance=noise.trial_covariance(data, Noise(relative=0.01), np.zeros(data.n)),

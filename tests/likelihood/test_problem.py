@@ -18,7 +18,7 @@ from nearlift.errors import InputRefused
 from nearlift.fit.least_squares import assemble
 from nearlift.likelihood import budget
 from nearlift.likelihood.covariance import Covariance
-from nearlift.likelihood.problem import Problem, need, usable
+from nearlift.likelihood.problem import Likelihood, need, usable
 from nearlift.results import Noise, Observations
 
 MODEL = catalogue.model("sanchez_cuevas")
@@ -38,7 +38,7 @@ BUDGET = (
 
 def problem(
     model: LiftModel = MODEL, data: Observations | None = None, theta: tuple[float, ...] = (2.0,)
-) -> Problem:
+) -> Likelihood:
     return assemble(
         model, campaign(3, visits=3) if data is None else data, BUDGET, SCATTER, np.array(theta)
     )
@@ -49,7 +49,7 @@ def with_free_air(data: Observations, station: float) -> Observations:
     return dataclasses.replace(data, z_hat=np.where(data.z_hat == station, np.inf, data.z_hat))
 
 
-def explicit(p: Problem, theta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def explicit(p: Likelihood, theta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Chi2, log L_inf and its covariance by textbook generalised least squares with L_inf as
     ordinary unknowns.
     """
@@ -279,6 +279,6 @@ def test_covariance_enters_only_through_its_whitening():
         shared=2 * c.shared,
         common=2 * c.common,
     )
-    other = Problem(model=p.model, data=p.data, covariance=wide)
+    other = Likelihood(model=p.model, data=p.data, covariance=wide)
     assert other.chi2(theta) == pytest.approx(p.chi2(theta) / 4)
     assert other.log_levels(theta)[0] == pytest.approx(p.log_levels(theta)[0])

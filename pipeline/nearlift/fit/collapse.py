@@ -14,7 +14,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit.information import parameter_covariance
 from nearlift.likelihood import student
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate
 from nearlift.results.assumptions import CollapseTest, LargestDeparture, ThrottleCollapse
 from nearlift.rounding import chance
@@ -24,7 +24,7 @@ CONFIDENCE = 0.95
 
 
 def examine(
-    problem: Problem, theta: FloatArray, freedom: Callable[[FloatArray], FloatArray]
+    problem: Likelihood, theta: FloatArray, freedom: Callable[[FloatArray], FloatArray]
 ) -> ThrottleCollapse:
     """Test the collapse at the optimum `theta` (p,) of a model common to all throttles.
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import IntArray
 from nearlift.results.fit import ModelScore
 
@@ -86,7 +86,9 @@ def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
     return influence_on(fit.problem, fit.theta, free)
 
 
-def influence_on(problem: Problem, theta: FloatArray, free: Sequence[int]) -> DeletionDiagnostics:
+def influence_on(
+    problem: Likelihood, theta: FloatArray, free: Sequence[int]
+) -> DeletionDiagnostics:
     """Deletion diagnostics of any likelihood at its optimum `theta` (p,), in closed form.
 
     Time and memory grow with the trials, not with their square. Shared unknowns are estimated from

@@ -23,7 +23,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit.prior import TruncatedPrior
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.stations import Stations
 
 
@@ -34,7 +34,7 @@ class Density:
     more than `reach` (p,).
     """
 
-    problem: Problem
+    problem: Likelihood
     centre: FloatArray
     dof: float = math.inf
     reach: FloatArray | float = math.inf

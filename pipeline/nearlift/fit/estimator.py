@@ -19,7 +19,7 @@ from nearlift.fit import deletion, held_quantity, information, inputs
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
 from nearlift.likelihood.budget import Component
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results.quotation import (
     LEVELS,
     BudgetLine,
@@ -49,7 +49,7 @@ class Estimator:
 
     Attributes
     ----------
-    problem : Problem
+    problem : Likelihood
         With every error in its covariance.
     theta : (p,)
         The values quoted.
@@ -68,7 +68,7 @@ class Estimator:
         Of the trials, as recorded.
     """
 
-    problem: Problem
+    problem: Likelihood
     theta: FloatArray
     u: FloatArray
     dof: FloatArray

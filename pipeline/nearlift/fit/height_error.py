@@ -12,7 +12,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.likelihood.budget import GROUPED, Component, groups
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Observations
 
 #: Share of the nearest trial's distance within the model's range that the error may take.
@@ -43,7 +43,7 @@ def room_m(model: LiftModel, data: Observations) -> float:
 
 
 def most_probable_m(
-    problem: Problem, theta: FloatArray, slope: FloatArray, standard: float
+    problem: Likelihood, theta: FloatArray, slope: FloatArray, standard: float
 ) -> float:
     """Posterior mean of the height error, m, to first order about the problem's own; it moves no
     trial through the boundary.
@@ -52,7 +52,7 @@ def most_probable_m(
     return max(mean, -room_m(problem.model, problem.data))
 
 
-def u_m(problem: Problem, theta: FloatArray, slope: FloatArray, standard: float) -> float:
+def u_m(problem: Likelihood, theta: FloatArray, slope: FloatArray, standard: float) -> float:
     """Standard uncertainty of the height error after the fit, m."""
     white = problem.project(problem.jacobian(theta).T).T
     column = problem.project(slope)

@@ -21,7 +21,7 @@ from nearlift.declare import FloatArray
 from nearlift.fit import solver
 from nearlift.fit.information import parameter_covariance
 from nearlift.likelihood import student
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate, IntArray, Observations
 from nearlift.results.assumptions import ExponentFit, HeldQuantity, LoggedResponse
 from nearlift.rounding import chance, plus_minus
@@ -64,7 +64,7 @@ class Response:
 
 
 def examine(
-    problem: Problem, theta: FloatArray, reach90: float, declared: str
+    problem: Likelihood, theta: FloatArray, reach90: float, declared: str
 ) -> tuple[HeldQuantity, tuple[Response, ...]]:
     """The first coefficient at the plausible exponents and at those that the logs support, from the
     published model's optimum (p,); with the responses of the logged quantities.
@@ -139,7 +139,7 @@ def _text(held: HeldQuantity, unanswered: Sequence[str]) -> str:
     return " ".join(parts)
 
 
-def _raised(problem: Problem, free: bool) -> solver.System:
+def _raised(problem: Likelihood, free: bool) -> solver.System:
     """System of the ratio to a power, the last parameter; held if not `free`."""
 
     def derivatives(x: FloatArray, _: IntArray) -> FloatArray:
@@ -153,7 +153,7 @@ def _raised(problem: Problem, free: bool) -> solver.System:
 
 
 def at_exponents(
-    problem: Problem, theta: FloatArray, exponents: Sequence[float]
+    problem: Likelihood, theta: FloatArray, exponents: Sequence[float]
 ) -> list[tuple[float, float, float]]:
     """Exponent, refitted first coefficient and its standard uncertainty, at each exponent at which
     that converges.
@@ -175,14 +175,14 @@ def at_exponents(
     return answers
 
 
-def _bounds(problem: Problem) -> tuple[FloatArray, FloatArray]:
+def _bounds(problem: Likelihood) -> tuple[FloatArray, FloatArray]:
     low, high = (
         np.r_[end, n] for end, n in zip(problem.model.bounds, EXPONENT_BOUNDS, strict=True)
     )
     return low, high
 
 
-def free_exponent(problem: Problem, theta: FloatArray) -> tuple[Number, Number]:
+def free_exponent(problem: Likelihood, theta: FloatArray) -> tuple[Number, Number]:
     """Best-fitting exponent and the first coefficient with it free, each with its standard
     uncertainty; nan at a bound or where theta can replace the exponent.
     """

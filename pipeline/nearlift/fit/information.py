@@ -25,7 +25,7 @@ from nearlift.likelihood import budget, semiseparable
 from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups, independent_variance
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance, group_sums
 from nearlift.likelihood.noise import trial_variance
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.variance_components import ages
 from nearlift.nomenclature import letter
 from nearlift.results import Noise
@@ -92,7 +92,7 @@ def parameter_covariance(
     return np.asarray(inverse / unit, dtype=np.float64), determined
 
 
-def gain(problem: Problem, theta: FloatArray) -> FloatArray:
+def gain(problem: Likelihood, theta: FloatArray) -> FloatArray:
     """The linear estimator G, (p, n): change of each coefficient per unit change of each trial's
     log lift, L_inf free.
     """
@@ -156,7 +156,7 @@ def uncertainty_budget(fit: LeastSquaresFit) -> tuple[Line, ...]:
 
 
 def lines(
-    problem: Problem,
+    problem: Likelihood,
     g: FloatArray,
     parts: Sequence[Component],
     scatter: Noise,
@@ -229,7 +229,7 @@ def _shared(whole: Covariance, g: FloatArray, which: slice) -> Line:
     )
 
 
-def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
+def _repeats(problem: Likelihood, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
     """Lines of the noise within records and of the scatter of trials and visits."""
     data, whole = problem.data, problem.covariance
     record2 = (data.u_lift_N / data.lift_N) ** 2
@@ -293,7 +293,7 @@ def _scatter_variance(
 
 
 def u_without(
-    problem: Problem, theta: FloatArray, budget_lines: Sequence[Line], u: FloatArray
+    problem: Likelihood, theta: FloatArray, budget_lines: Sequence[Line], u: FloatArray
 ) -> dict[str, FloatArray]:
     """Standard uncertainty of each coefficient, (p,), were one source known exactly, by its name.
 
@@ -316,7 +316,11 @@ def u_without(
 
 
 def freedom(
-    problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray
+    problem: Likelihood,
+    g: FloatArray,
+    parts: Sequence[Component],
+    scatter: Noise,
+    slope: FloatArray,
 ) -> FloatArray:
     """Effective degrees of freedom (m,) of linear estimators g (m, n) of the trials' log lift."""
     return effective_dof(lines(problem, g, parts, scatter, slope), scatter, len(g))

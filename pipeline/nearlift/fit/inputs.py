@@ -26,7 +26,7 @@ from nearlift import derivative
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.fit import information
 from nearlift.likelihood.budget import INPUTS, Component
-from nearlift.likelihood.problem import Problem, needed
+from nearlift.likelihood.problem import Likelihood, needed
 from nearlift.results import Observations
 from nearlift.results.fit import UndeclaredInput
 
@@ -99,7 +99,7 @@ def undeclared(fit: LeastSquaresFit) -> tuple[UndeclaredInput, ...]:
 
 
 def undeclared_in(
-    problem: Problem,
+    problem: Likelihood,
     theta: FloatArray,
     gain: FloatArray,
     parts: Iterable[Component],

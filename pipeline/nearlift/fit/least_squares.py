@@ -13,7 +13,7 @@ from nearlift.fit import height_error, information, inputs
 from nearlift.fit.information import LEAST_DOF, parameter_covariance
 from nearlift.fit.solver import solve
 from nearlift.likelihood import budget, noise, student
-from nearlift.likelihood.problem import Problem, height_slope, usable
+from nearlift.likelihood.problem import Likelihood, height_slope, usable
 from nearlift.results import Estimate, Noise, Observations
 from nearlift.results.fit import ExcludedTrial
 
@@ -43,7 +43,7 @@ class LeastSquaresFit:
     quoted, for its reports.
     """
 
-    problem: Problem
+    problem: Likelihood
     theta: FloatArray
     covariance: FloatArray
     estimates: dict[str, Estimate]
@@ -84,7 +84,7 @@ def assemble(
     theta: FloatArray,
     slope: FloatArray | None = None,
     offset_m: float = 0.0,
-) -> Problem:
+) -> Likelihood:
     """The likelihood, height errors carried by `slope` (n,), or else by the model's at `theta`, to
     first order about `offset_m`.
     """
@@ -97,7 +97,7 @@ def assemble(
         budget.shared(data, parts, slope),
         budget.own_variance(data, parts, slope),
     )
-    return Problem(
+    return Likelihood(
         model=model, data=data, covariance=covariance, offset_m=offset_m, shift=-offset_m * slope
     )
 
@@ -207,7 +207,7 @@ def _optimum(
     slope: FloatArray | None,
     offset_m: float,
     standard: float,
-) -> tuple[Problem, FloatArray, FloatArray]:
+) -> tuple[Likelihood, FloatArray, FloatArray]:
     """Likelihood, its optimum and the slope of height errors, about the most probable height error
     where one of `standard` uncertainty is stated.
     """
@@ -226,7 +226,7 @@ def _optimum(
 
 
 def _described(
-    problem: Problem,
+    problem: Likelihood,
     theta: FloatArray,
     scatter: Noise,
     excluded: tuple[ExcludedTrial, ...],

@@ -20,7 +20,7 @@ from nearlift.declare import FloatArray
 from nearlift.effects.gain import STANDARD, density
 from nearlift.fit.held_quantity import Response, logged
 from nearlift.likelihood import student
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate, Observations
 from nearlift.results.assumptions import (
     RotorCoefficient,
@@ -85,7 +85,7 @@ def coefficient(
 
 def examine(
     campaign: Campaign,
-    problem: Problem,
+    problem: Likelihood,
     theta: FloatArray,
     covariance: FloatArray,
     responses: Sequence[Response],

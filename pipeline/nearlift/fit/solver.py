@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from nearlift import derivative, isolation
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import IntArray
 
 #: Maximum number of steps of a search. Ours: good starts need about ten.
@@ -73,13 +73,13 @@ class System(NamedTuple):
         return System(residuals, derivatives)
 
 
-def system(problem: Problem) -> System:
+def system(problem: Likelihood) -> System:
     """System of a model's likelihood, the same for every row."""
     return System(lambda t, _: problem.residuals(t), lambda t, _: problem.derivatives(t))
 
 
 def solve(
-    problem: Problem, start: FloatArray | None = None, *, quoted: bool = False
+    problem: Likelihood, start: FloatArray | None = None, *, quoted: bool = False
 ) -> tuple[FloatArray, Any]:
     """The theta (p,) of least chi2 within the parameters' bounds, and lmfit's result if `quoted` or
     where Levenberg-Marquardt steps end at no minimum.
@@ -113,7 +113,7 @@ def solve(
     return best, result
 
 
-def _by_lmfit(problem: Problem, first: FloatArray, scale: FloatArray) -> tuple[FloatArray, Any]:
+def _by_lmfit(problem: Likelihood, first: FloatArray, scale: FloatArray) -> tuple[FloatArray, Any]:
     """Minimum and lmfit's result; its standard errors are those of the covariance as it is."""
     # it imports matplotlib
     lmfit = isolation.library("lmfit")
@@ -146,7 +146,7 @@ def _by_lmfit(problem: Problem, first: FloatArray, scale: FloatArray) -> tuple[F
     return at(result.params), result
 
 
-def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
+def _first(problem: Likelihood, start: FloatArray | None) -> FloatArray:
     """Starting values at which the model has a value for all trials: those given, else those
     declared, else others within the bounds.
 

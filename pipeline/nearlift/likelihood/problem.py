@@ -27,8 +27,8 @@ from nearlift.results import Observations
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
-    """A model, the trials, and how the trials' errors hang together.
+class Likelihood:
+    """A model, the trials, and the covariance of the trials' errors.
 
     Parameter vectors are shape (p,) or (m, p); predictions (n,) or (m, n).
     """
@@ -41,7 +41,7 @@ class Problem:
     #: Added to the log ratio whatever the parameters, a number or (n,).
     shift: FloatArray | float = 0.0
 
-    def moved(self, offset_m: float) -> Problem:
+    def moved(self, offset_m: float) -> Likelihood:
         """The problem with every distance moved by `offset_m` more."""
         return replace(self, offset_m=self.offset_m + offset_m)
 

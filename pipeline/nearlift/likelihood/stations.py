@@ -15,7 +15,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.finite import where_finite
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import IntArray
 
 #: With more stations than this the triangle costs more than whitening every trial, and only the
@@ -26,7 +26,7 @@ MOST = 400
 BATCH = 50_000
 
 
-def distinct(problem: Problem) -> tuple[IntArray, Problem]:
+def distinct(problem: Likelihood) -> tuple[IntArray, Likelihood]:
     """The station of each trial (n,), and the problem at one trial of each station; its covariance
     is not that of the stations.
     """
@@ -52,14 +52,14 @@ class Stations:
     are many, and trials are whitened.
     """
 
-    problem: Problem
-    at: Problem
+    problem: Likelihood
+    at: Likelihood
     index: IntArray
     triangle: FloatArray | None
     level_rows: FloatArray | None
 
     @classmethod
-    def from_problem(cls, problem: Problem) -> Stations:
+    def from_problem(cls, problem: Likelihood) -> Stations:
         """The stations of a problem."""
         index, at = distinct(problem)
         if at.data.n > MOST or at.data.n + 1 > problem.data.n:
@@ -79,7 +79,7 @@ class Stations:
         )
 
     def chi2(self, theta: FloatArray) -> FloatArray:
-        """Chi2 for theta (m, p), (m,); inf where the model has no value. See `Problem.chi2`."""
+        """Chi2 for theta (m, p), (m,); inf where the model has no value. See `Likelihood.chi2`."""
         return np.concatenate([np.zeros(0), *(self._chi2(some) for some in self._batches(theta))])
 
     def _batches(self, theta: FloatArray) -> Iterator[FloatArray]:

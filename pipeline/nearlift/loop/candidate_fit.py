@@ -8,7 +8,7 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import solver
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.starts import Starts
 
@@ -27,7 +27,7 @@ class Fitted:
     """
 
     candidate: Candidate
-    space: Problem
+    space: Likelihood
     vector: FloatArray
     residual: FloatArray
     penalty: float
@@ -81,13 +81,13 @@ def inverse(information: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
 
 
-def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:
+def fit(candidate: Candidate, space: Likelihood, log_lift: FloatArray, start: FloatArray) -> Fitted:
     """Penalised least squares from `start` (P,); `space` whitens and projects out L_inf."""
     return _fits(candidate, space, log_lift, start[None])[0]
 
 
 def _fits(
-    candidate: Candidate, space: Problem, log_lift: FloatArray, starts: FloatArray
+    candidate: Candidate, space: Likelihood, log_lift: FloatArray, starts: FloatArray
 ) -> list[Fitted]:
     """Penalised least squares of log lift (n,) from each of `starts` (m, P), all at once."""
     bounds, (mean, sd) = candidate.bounds, candidate.prior

@@ -15,7 +15,7 @@ from nearlift.fit.estimator import Estimator, largest
 from nearlift.fit.posterior import Posterior
 from nearlift.fit.solver import solve
 from nearlift.likelihood import budget
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.loop import few_visits
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.coefficients import Answers, Pair
@@ -277,7 +277,7 @@ def with_posterior(quoted: BoundaryResult, drawn: Posterior) -> BoundaryResult:
     return dataclasses.replace(quoted, coefficients=coefficients)
 
 
-def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Problem, dict[str, slice]]:
+def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Likelihood, dict[str, slice]]:
     """Likelihood of the coefficients alone, and the columns of each source in its covariance.
 
     Effect sizes and discrepancies are marginalised into that covariance.
@@ -309,4 +309,4 @@ def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Problem, dic
             unknowns[name] = slice(shared.shape[1], shared.shape[1] + columns.shape[1])
             shared = np.hstack([shared, columns])
     covariance = dataclasses.replace(space.covariance, shared=shared)
-    return Problem(model=problem.base, data=data, covariance=covariance, shift=shift), unknowns
+    return Likelihood(model=problem.base, data=data, covariance=covariance, shift=shift), unknowns

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import trial_covariance
-from nearlift.likelihood.problem import Problem, height_slope
+from nearlift.likelihood.problem import Likelihood, height_slope
 from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
@@ -94,11 +94,11 @@ class SearchProblem:
         return tuple(part for part in self.parts if self.datum is None or not is_datum(part))
 
     @cached_property
-    def space(self) -> Problem:
+    def space(self) -> Likelihood:
         """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""
         return self.whitening(self.linear_parts, self.slope)
 
-    def whitening(self, parts: tuple[budget.Component, ...], slope: FloatArray) -> Problem:
+    def whitening(self, parts: tuple[budget.Component, ...], slope: FloatArray) -> Likelihood:
         """Likelihood with these stated uncertainties, those of distance to first order by the
         `slope` (n,).
         """
@@ -109,7 +109,7 @@ class SearchProblem:
             else (budget.shared(data, parts, slope), budget.own_variance(data, parts, self.slope))
         )
         covariance = trial_covariance(data, self.assumed_noise, self.slope, *tied)
-        return Problem(model=self.base, data=data, covariance=covariance)
+        return Likelihood(model=self.base, data=data, covariance=covariance)
 
     @property
     def assumed_noise(self) -> Noise:

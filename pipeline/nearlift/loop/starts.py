@@ -13,7 +13,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.loop.candidate import Candidate
 
 #: Added to the diagonal of a normal matrix of unit diagonal, so that it has an inverse.
@@ -44,7 +44,7 @@ class Starts:
     candidate without effects, holds; `space` whitens and projects out L_inf.
     """
 
-    def __init__(self, space: Problem, base: Candidate, theta: FloatArray) -> None:
+    def __init__(self, space: Likelihood, base: Candidate, theta: FloatArray) -> None:
         self.space, self.base, self.theta = space, base, theta
         columns = space.project(base.jacobian(theta).T)[None]
         self._signatures: dict[Effect | None, _Signature] = {

@@ -1,9 +1,9 @@
 """Certified answers: every NIST StRD nonlinear data set, from both of NIST's starts, through the
 optimiser that fits lift models.
 
-A data set becomes a model with the parameters' declared starts and bounds, in a `Problem` whose
+A data set becomes a model with the parameters' declared starts and bounds, in a `Likelihood` whose
 predictions are the curve itself (NIST's y is not a lift: no logarithm, no L_inf). `solve`,
-`Problem.chi2`, `Problem.jacobian` and `parameter_covariance` are the library's own.
+`Likelihood.chi2`, `Likelihood.jacobian` and `parameter_covariance` are the library's own.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.fit.information import parameter_covariance
 from nearlift.fit.solver import FAR_DAMPING, minimise, refine, solve, system
 from nearlift.likelihood.covariance import Covariance
-from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Observations
 
 HERE = Path(__file__).parent
@@ -130,7 +130,7 @@ def read(name: str) -> DataSet:
     )
 
 
-class Curve(Problem):
+class Curve(Likelihood):
     """NIST's curve in the place of log lift: no logarithm, and no L_inf to eliminate."""
 
     def log_ratio(self, theta, offset_m=0.0):
@@ -244,7 +244,7 @@ def test_batched_steps_end_at_the_certified_parameters_or_say_that_they_do_not(n
 
 @pytest.mark.parametrize("name", [n for n in CURVES if n not in NO_SD])
 def test_certified_standard_deviations(name):
-    """From `Problem.jacobian` at the fit and `parameter_covariance`, times the residual variance: 3
+    """From `Likelihood.jacobian` at the fit and `parameter_covariance`, times the residual variance: 3
     digits, where a fit quotes 2.
     """
     given = read(name)
