@@ -98,7 +98,7 @@ def influence_on(
     jacobian = problem.jacobian(theta)[:, list(free)]
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     known = covariance.shared
-    z = np.hstack([known, data.level_columns, jacobian / length])
+    z = np.hstack([known, data.level_design, jacobian / length])
     y = np.log(data.lift_N) - problem.log_ratio(theta)
     size = z.shape[1]
     curved = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])])

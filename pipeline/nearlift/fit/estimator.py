@@ -59,7 +59,7 @@ class Estimator:
     lines : tuple of Line
         The budget.
     parts : tuple of Component
-        Declared errors.
+        Stated uncertainties.
     slope : (n,)
         d log ratio / dz there.
     fixed : (p,) mask

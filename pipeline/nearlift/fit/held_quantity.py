@@ -226,7 +226,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     from scipy.stats import t
 
     y = np.log(logged(data)[quantity])
-    levels, sessions = data.level_columns, int(data.session.max()) + 1
+    levels, sessions = data.level_design, int(data.session.max()) + 1
     k, session = levels.shape[1], np.eye(sessions)[data.session][:, 1:]
     q, _ = np.linalg.qr(np.hstack([levels, session]))
     alone = log_ratio - q @ (q.T @ log_ratio)

@@ -371,7 +371,7 @@ class Joint:
             Quantity(name=fit.names[i], members=slice(k, k + 1), unit=fit.model.parameters[i].unit)
             for k, i in enumerate(which)
         ]
-        blocks = [problem.jacobian(fit.theta)[:, list(which)], data.level_columns]
+        blocks = [problem.jacobian(fit.theta)[:, list(which)], data.level_design]
         levels = slice(first, first + data.unknown_levels)
         quantities.append(Quantity(name="L_inf", members=levels, scale=100.0, unit="%"))
         free = first = levels.stop

@@ -35,7 +35,7 @@ class LeastSquaresFit:
     """A model fitted to the trials of one boundary.
 
     `theta`, `covariance` and `names` belong together. `levels` holds L_inf in N per throttle;
-    `level_coefficients` multiply the trials' `level_columns`. `chi2` uses the scatter of repeats,
+    `level_coefficients` multiply the trials' `level_design`. `chi2` uses the scatter of repeats,
     so chi2 well above `dof` shows a fault of the model, not of the noise. The covariance of the
     likelihood `problem` was assembled from `slope` and `parts`, and is linearised about the height
     error ``problem.offset_m``. `effective` (p,) are each coefficient's effective degrees of
@@ -119,7 +119,7 @@ def fit(
     data : Observations
         Accepted trials of one boundary, free-air trials included.
     parts : tuple of Component
-        Declared errors; see `likelihood.budget`.
+        Stated uncertainties; see `likelihood.budget`.
     scatter : Noise or None
         Variance components of trials; estimated from the repeats if None.
     slope : (n,) or None
@@ -188,7 +188,7 @@ def _scatter(
     return noise.estimate(
         data,
         np.log(data.lift_N) - trial.log_ratio(theta),
-        np.hstack([data.level_columns, trial.jacobian(theta)]),
+        np.hstack([data.level_design, trial.jacobian(theta)]),
         lacking,
         slope,
         budget.shared(data, parts, slope),

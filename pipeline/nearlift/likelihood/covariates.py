@@ -110,7 +110,7 @@ def derive(
 def _usual(data: Observations, speed_Hz: FloatArray) -> FloatArray:
     """The speed expected at each trial's throttle."""
     if data.curve is not None:
-        x, y = data.level_columns, np.log(speed_Hz)
+        x, y = data.level_design, np.log(speed_Hz)
         return np.asarray(np.exp(x @ np.linalg.lstsq(x, y, rcond=None)[0]), dtype=np.float64)
     return data.level_medians(speed_Hz)[data.level]
 

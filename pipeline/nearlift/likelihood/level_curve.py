@@ -96,7 +96,7 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
     squares: dict[int, FloatArray] = {}
     for degree in range(1, MOST_DEGREE + 1):
         curve = dataclasses.replace(data.curve, degree=degree)
-        columns = np.hstack([curve.columns(data.of_levels), shapes])
+        columns = np.hstack([curve.columns(data.curve_inputs), shapes])
         if columns.shape[1] + 2 > data.n or np.linalg.matrix_rank(columns) < columns.shape[1]:
             break
         q, _ = np.linalg.qr(columns)
@@ -116,7 +116,7 @@ def at_shown(data: Observations) -> FloatArray:
     Least squares, with a smooth curve of distance; for tables, before any model is fitted.
     """
     assert data.curve is not None
-    columns = data.level_columns
+    columns = data.level_design
     whole = np.hstack([columns, _shapes(data)])
     free = np.linalg.lstsq(whole, np.log(data.lift_N), rcond=None)[0][: columns.shape[1]]
     return data.lift_N * np.exp(data.shown(free)[data.level] - columns @ free)

@@ -81,7 +81,7 @@ class Likelihood:
         NotConverged
             A curve of L_inf has columns that these trials do not tell apart.
         """
-        columns = self.data.level_columns
+        columns = self.data.level_design
         q, r = np.linalg.qr(self.covariance.whiten(columns.T).T)
         pivots = np.abs(np.diag(r))
         if self.data.curve is not None and pivots.min() < SPANNED * pivots.max():
@@ -165,13 +165,13 @@ class Likelihood:
 
     def shown_covariance(self, covariance: FloatArray) -> FloatArray:
         """Covariance of log L_inf at each shown throttle, from that of the coefficients of
-        `level_columns`.
+        `level_design`.
         """
         return self.data.shown(self.data.shown(covariance).T)
 
     @property
     def level_covariance(self) -> FloatArray:
-        """Covariance of what multiplies the trials' `level_columns`, theta held, (K, K)."""
+        """Covariance of what multiplies the trials' `level_design`, theta held, (K, K)."""
         _, r = self._levels
         inverse = np.linalg.inv(r)
         return np.asarray(inverse @ inverse.T, dtype=np.float64)
@@ -181,7 +181,7 @@ class Likelihood:
         return self.data.shown(self.best_levels(x).T).T
 
     def best_levels(self, x: FloatArray) -> FloatArray:
-        """Least-squares coefficients of `level_columns` for rows of trials (..., n), (..., K).
+        """Least-squares coefficients of `level_design` for rows of trials (..., n), (..., K).
 
         They are the level per throttle, or a curve's coefficients; nan where a row has a value that
         is not finite.
@@ -201,7 +201,7 @@ class Likelihood:
         return self.data.shown(self.d_levels_d_theta(jacobian))
 
     def d_levels_d_theta(self, jacobian: FloatArray) -> FloatArray:
-        """Derivatives of the coefficients of `level_columns` by the parameters, (K, p)."""
+        """Derivatives of the coefficients of `level_design` by the parameters, (K, p)."""
         return -self.best_levels(jacobian.T).T
 
     def derivatives(self, theta: FloatArray) -> FloatArray:

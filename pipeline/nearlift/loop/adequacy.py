@@ -1,5 +1,5 @@
 """Adequacy of a base model without structure: held-out visits are predicted within the noise, and
-declared errors are as large as declared.
+shared errors are as large as stated.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _strained(problem: SearchProblem) -> list[str]:
     """Two-sided z test of each shared error's estimate, by Bonferroni where it has several."""
     from scipy.stats import norm
 
-    # a fit of few visits leaves the declared errors out of its covariance
+    # a fit of few visits leaves the shared errors out of its covariance
     problem = dataclasses.replace(problem, independent=False)
     absorbed, reasons = orthonormal(problem.base_fit.jacobian), []
     error = problem.base_fit.datum_chi2**0.5

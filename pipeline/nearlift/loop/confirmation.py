@@ -131,13 +131,13 @@ def predict(problem: SearchProblem, fitted: Fitted, at: Observations) -> FloatAr
     far = (
         levels[np.searchsorted(problem.data.levels, at.throttle)]
         if at.curve is None
-        else at.level_columns @ levels
+        else at.level_design @ levels
     )
     return np.asarray(far + fitted.candidate.log_ratio(fitted.vector, at))
 
 
 def declared_errors(problem: SearchProblem) -> FloatArray:
-    """Sensitivities (n, m) of log lift to the declared errors that trials share, each per standard
+    """Sensitivities (n, m) of log lift to the stated errors that trials share, each per standard
     uncertainty.
     """
     return budget.shared(problem.data, problem.linear_parts, problem.slope)
@@ -150,7 +150,7 @@ def held_out_residuals(
     at: Observations,
     declared_at: FloatArray,
 ) -> FloatArray:
-    """Relative residuals of trials `at`, corrected for the declared errors that trials share.
+    """Relative residuals of trials `at`, corrected for the stated errors that trials share.
 
     `declared` and `declared_at` are the `declared_errors` of the fitted trials and of those `at`.
     The correction is the best linear unbiased prediction (Robinson 1991, Statistical Science 6,
@@ -198,7 +198,7 @@ def each_helps(problem: SearchProblem, scored: HeldOut, named: tuple[Effect, ...
 def misfit(
     problem: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatArray
 ) -> FloatArray:
-    """Squared residuals of the predicted trials, whitened by the noise and by declared errors that
+    """Squared residuals of the predicted trials, whitened by the noise and by stated errors that
     are independent between trials, clipped at `OUTLIER`.
     """
     keep = scored.predicted

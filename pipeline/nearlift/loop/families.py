@@ -151,7 +151,7 @@ def _others(data: Observations) -> list[str]:
 
 def exceed_levels(columns: FloatArray, data: Observations) -> bool:
     """Whether any column varies beyond L_inf; else its rounding errors would pass for a family."""
-    levels = data.level_columns
+    levels = data.level_design
     left = columns - levels @ np.linalg.lstsq(levels, columns, rcond=None)[0]
     return bool(np.abs(left).max() > 1e-9 * np.abs(columns).max())
 

@@ -21,7 +21,7 @@ def far_lift(problem: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> di
     """
     data, candidate, vector = problem.data, fitted.candidate, fitted.vector
     far = replace(candidate, data=replace(data, z_hat=np.full(data.n, np.inf)))
-    design = np.hstack([data.level_columns, candidate.jacobian(vector), nuisance])
+    design = np.hstack([data.level_design, candidate.jacobian(vector), nuisance])
     free = data.unknown_levels
     sd = np.concatenate([np.full(free, np.inf), candidate.prior[1], np.ones(nuisance.shape[1])])
     white = problem.space.covariance.whiten(design.T).T

@@ -70,7 +70,7 @@ def _levels(
 
     `weight` is (visits, n); each row of log lift uses one of its rows.
     """
-    columns = problem.data.level_columns
+    columns = problem.data.level_design
     weighted = columns * weight[:, :, None]
     # a level that no weighted trial determines, as of a throttle in one visit alone, stays 0
     solve = weighted @ np.linalg.pinv(columns.T @ weighted, rcond=1e-13, hermitian=True)

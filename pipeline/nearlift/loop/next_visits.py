@@ -319,8 +319,8 @@ def plan(problem: SearchProblem, question: Question, offered: Menu, rotating: fl
     declared = budget.shared(both, problem.linear_parts, slope)
     departed = np.eye(len(offered.z_hat))[offered.nearest(both.z_hat)]
     asked = question.columns(both)
-    columns = np.hstack([asked, both.level_columns, declared, departed])
-    levels, errors = both.level_columns.shape[1], declared.shape[1]
+    columns = np.hstack([asked, both.level_design, declared, departed])
+    levels, errors = both.level_design.shape[1], declared.shape[1]
     held = np.r_[question.held, np.zeros(levels), np.ones(errors), np.zeros(departed.shape[1])]
     bare = dataclasses.replace(problem.space.covariance, shared=np.zeros((n, 0)))
     white = bare.whiten(columns[:n].T)

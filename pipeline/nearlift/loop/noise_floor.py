@@ -63,7 +63,7 @@ def prepare(
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
         rest, shared = np.log(data.lift_N) - log_ratio, budget.shared(data, parts, slope)
-        mean = np.hstack([data.level_columns, candidate.jacobian(vector)])
+        mean = np.hstack([data.level_design, candidate.jacobian(vector)])
         variance = budget.own_variance(data, parts, slope)
         for n in (MANY, data.n) if noise_floor is None and data.n > MANY else (data.n,):
             noise_floor, target = noise.estimate(

@@ -177,7 +177,7 @@ class DesignPower:
         L_inf do not absorb; both (n,).
         """
         raw, base = self._added(of, size), self.problem.base_fit
-        columns = np.hstack([self.problem.data.level_columns, base.candidate.jacobian(base.vector)])
+        columns = np.hstack([self.problem.data.level_design, base.candidate.jacobian(base.vector)])
         whiten = self.problem.space.covariance.whiten
         solution = np.linalg.lstsq(whiten(columns.T).T, whiten(raw), rcond=None)[0]
         return raw, raw - columns @ solution

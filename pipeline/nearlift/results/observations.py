@@ -88,11 +88,11 @@ class Observations:
         return nearest.astype(np.int64)
 
     @property
-    def level_columns(self) -> FloatArray:
+    def level_design(self) -> FloatArray:
         """Design of log L_inf, (n, K): an indicator for each throttle, or the curve's powers."""
         if self.curve is None:
             return np.eye(len(self.levels))[self.level]
-        return self.curve.columns(self.of_levels)
+        return self.curve.columns(self.curve_inputs)
 
     @property
     def unknown_levels(self) -> int:
@@ -100,23 +100,23 @@ class Observations:
         return len(self.levels) if self.curve is None else len(self.curve.terms)
 
     @property
-    def of_levels(self) -> FloatArray:
-        """The throttle and what else the curve is of, (v, n)."""
+    def curve_inputs(self) -> FloatArray:
+        """Throttle and the other inputs of the curve, (v, n)."""
         assert self.curve is not None
         known = {"throttle": self.throttle, **self.covariates}
         return np.stack([known[name] for name in self.curve.of])
 
     def shown(self, coefficients: FloatArray) -> FloatArray:
-        """Rows that multiply `level_columns`, (K, ...), as those of `levels`."""
+        """Rows that multiply `level_design`, (K, ...), as those of `levels`."""
         if self.curve is None:
             return coefficients
         return self.curve.columns(self.curve.at(self.levels)) @ coefficients
 
     def of_trials(self, coefficients: FloatArray) -> FloatArray:
-        """Log L_inf of each trial, (n,), from what multiplies `level_columns`."""
+        """Log L_inf of each trial, (n,), from what multiplies `level_design`."""
         if self.curve is None:
             return coefficients[self.level]
-        return np.asarray(self.level_columns @ coefficients, dtype=np.float64)
+        return np.asarray(self.level_design @ coefficients, dtype=np.float64)
 
     def lift_inf_N(self, coefficients: FloatArray) -> FloatArray:
         """L_inf of each trial, (n,), likewise."""
@@ -140,7 +140,7 @@ class Observations:
         """
         if self.curve is None:
             return np.isin(self.throttle, self.throttle[train])
-        columns = self.of_levels
+        columns = self.curve_inputs
         low, high = columns[:, train].min(axis=1), columns[:, train].max(axis=1)
         inside: NDArray[np.bool_] = (columns >= low[:, None]) & (columns <= high[:, None])
         return np.asarray(inside.all(axis=0), dtype=np.bool_)

@@ -45,7 +45,7 @@ class BudgetLine:
     Attributes
     ----------
     kind : str
-        ``"A"`` from repeats, ``"B"`` declared or taken for granted; `type` in the file.
+        ``"A"`` from repeats, ``"B"`` stated or assumed; `type` in the file.
     u : float
         What it adds to the coefficient, one standard uncertainty.
     u_without : float
