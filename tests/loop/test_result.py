@@ -26,6 +26,8 @@ def test_the_quoted_interval_is_that_of_its_posterior(gain, apart):
     found = diagnose(data, catalogue.model("sanchez_cuevas"), (), Options(), confirm=False)
     quoted = found.quoted.coefficients["K_b"]
     assert found.quoted.effects == (() if gain is None else ("supply_sag",))
+    corrections = [line.source for line in quoted.budget if "supply_sag" in line.source]
+    assert corrections == ([] if gain is None else ["size and form of supply_sag"])
     drawn = sample(found.density, Settings(ess=400), 0, "quoted")
     low, high = drawn.quantiles(0, (0.05, 0.95))
     assert low == pytest.approx(quoted.lo90, abs=apart * quoted.u)

@@ -292,11 +292,15 @@ def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Likelihood, 
         - jacobian[:, p:] @ (vector - mean)[p:]
     )
     further: dict[str, FloatArray] = {}
-    for effect in candidate.effects:
-        mine = candidate.entries_of(effect.name)
-        further[f"size of {effect.name}"] = jacobian[:, mine] * sd[mine]
-    if answer.accepted and not problem.independent:
-        further |= answer.accepted[0].nuisances
+    if candidate.effects:
+        mine = np.concatenate([candidate.entries_of(e.name) for e in candidate.effects])
+        independent = problem.independent or not answer.accepted
+        nuisances = {} if independent else answer.accepted[0].nuisances
+        # an error of the form is taken up by the size: one source
+        form = nuisances.pop(f"form of {candidate.name}", np.zeros((problem.data.n, 0)))
+        of = "size and form" if form.shape[1] else "size"
+        further[f"{of} of {candidate.name}"] = np.hstack([jacobian[:, mine] * sd[mine], form])
+        further |= nuisances
     if answers.carried:
         further[f"unexplained structure along {' and '.join(answers.carried)}"] = answers.unnamed
     slope = problem.slope
