@@ -6,13 +6,16 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from tests.calibration import forms, oracle
 from tests.calibration.kinds import KINDS, draw
 from tests.calibration.simulator import Campaign, base_jacobian, candidate_columns
+
+if TYPE_CHECKING:
+    from tests.calibration.peers import Task
 
 SAME = 0.99  # a wrong effect whose column is so parallel to the true one is its equal on that bench
 Row = dict[str, Any]
@@ -95,16 +98,22 @@ def assess(
 
 
 def peer_answers(campaign: Campaign) -> dict[str, list[str]]:
-    """Answers of rival methods on the same trials, with the library in the simulator's own forms
-    (in their favour).
-    """
+    """Answers of rival methods on the same trials."""
+    from tests.calibration.peers import PEERS
+
+    task = peer_task(campaign)
+    return {name: list(method(task)) for name, method in PEERS.items()}
+
+
+def peer_task(campaign: Campaign) -> Task:
+    """What rival methods are given: the library in the simulator's own forms (in their favour)."""
     # here: statsmodels and scikit-learn cost seconds
-    from tests.calibration.peers import PEERS, Task
+    from tests.calibration.peers import Task
 
     setting = replace(campaign.setting, theta=oracle.fit(campaign, ()).theta)
     candidates = candidate_columns(campaign)
     columns = np.column_stack(list(candidates.values()))
-    task = Task(
+    return Task(
         lift_N=campaign.data.lift_N,
         z_hat=campaign.data.z_hat,
         level=campaign.data.level,
@@ -114,7 +123,6 @@ def peer_answers(campaign: Campaign) -> dict[str, list[str]]:
         names=tuple(candidates),
         columns=columns / np.sqrt((columns**2).mean(axis=0)),
     )
-    return {name: list(method(task)) for name, method in PEERS.items()}
 
 
 def yardstick(campaign: Campaign) -> Row:

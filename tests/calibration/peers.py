@@ -15,10 +15,14 @@ from functools import cached_property
 
 import numpy as np
 import statsmodels.api as sm
+from scipy.special import softmax
+from scipy.stats import multivariate_normal
 from sklearn.linear_model import LassoCV
 from tests.calibration.bench import Array
 
 Names = tuple[str, ...]
+#: Steps of expectation and maximisation; the weights then change in the fourth digit.
+STACKING_STEPS = 500
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +42,14 @@ class Task:
     columns: Array
 
     @cached_property
+    def fixed(self) -> Array:
+        """Whitened columns of L_inf per throttle and of theta."""
+        return self.whiten(np.hstack([np.eye(self.level.max() + 1)[self.level], self.jacobian]))
+
+    @cached_property
     def projected(self) -> tuple[Array, Array]:
         """Log lift and candidates, whitened, with L_inf per throttle and theta projected out."""
-        fixed = self.whiten(np.hstack([np.eye(self.level.max() + 1)[self.level], self.jacobian]))
-        q, _ = np.linalg.qr(fixed)
+        q, _ = np.linalg.qr(self.fixed)
         y, x = self.whiten(np.log(self.lift_N / self.ratio)), self.whiten(self.columns)
         return y - q @ (q.T @ y), x - q @ (q.T @ x)
 
@@ -107,23 +115,57 @@ def lasso_cv(task: Task) -> Names:
     return task.named(np.flatnonzero(found.coef_))
 
 
-def bic_average(task: Task, largest: int = 3) -> Names:
-    """Bayesian model average by BIC over all models of up to `largest` effects; those with
-    inclusion above one half.
-    """
-    y, x = task.projected
-    gram, cross, n = x.T @ x, x.T @ y, len(y)
+def models_up_to(task: Task, largest: int) -> list[list[int]]:
+    """Every set of up to `largest` effects, by their places."""
     count = range(len(task.names))
-    models = [list(m) for k in range(largest + 1) for m in itertools.combinations(count, k)]
+    return [list(m) for k in range(largest + 1) for m in itertools.combinations(count, k)]
+
+
+def bic_weights(task: Task, largest: int) -> tuple[list[list[int]], Array]:
+    """Models of up to `largest` effects, and their probabilities by BIC."""
+    (y, x), models = task.projected, models_up_to(task, largest)
+    gram, cross, n = x.T @ x, x.T @ y, len(y)
     rss = [
         y @ y - cross[m] @ np.linalg.lstsq(gram[np.ix_(m, m)], cross[m], rcond=1e-10)[0]
         for m in models
     ]
     size = np.array([len(m) for m in models])
     score = -0.5 * (n * np.log(np.maximum(rss, 1e-300)) + np.log(n) * size)
-    weight = np.exp(score - score.max())
-    inclusion = [sum(w for m, w in zip(models, weight, strict=True) if i in m) for i in count]
-    return task.named(np.flatnonzero(np.array(inclusion) > 0.5 * weight.sum()))
+    return models, softmax(score)
+
+
+def bic_average(task: Task, largest: int = 3) -> Names:
+    """Bayesian model average by BIC over all models of up to `largest` effects; those with
+    inclusion above one half.
+    """
+    models, weight = bic_weights(task, largest)
+    inclusion = [sum(weight[[i in m for m in models]]) for i in range(len(task.names))]
+    return task.named(np.flatnonzero(np.array(inclusion) > 0.5))
+
+
+def stacking_weights(task: Task, fold: Array, largest: int = 2) -> tuple[list[list[int]], Array]:
+    """Models of up to `largest` effects, and weights of the greatest log score on the folds left
+    out (Yao, Vehtari, Simpson and Gelman 2018, Bayesian Analysis 13, 917).
+    """
+    models = models_up_to(task, largest)
+    y, x = task.whiten(np.log(task.lift_N / task.ratio)), task.whiten(task.columns)
+    score = np.array([_held_out(y, np.hstack([task.fixed, x[:, m]]), fold) for m in models])
+    density, weight = softmax(score, axis=0), np.full(len(models), 1 / len(models))
+    for _ in range(STACKING_STEPS):
+        weight = weight * np.mean(density / (weight @ density), axis=1)
+    return models, weight
+
+
+def _held_out(y: Array, design: Array, fold: Array) -> Array:
+    """Log predictive density of each fold by a linear fit to all others, of unit noise."""
+    information, cross, each = design.T @ design, design.T @ y, []
+    for part in (fold == f for f in np.unique(fold)):
+        mine, theirs = design[part], y[part]
+        cov = np.linalg.pinv(information - mine.T @ mine, rcond=1e-12, hermitian=True)
+        mean = mine @ (cov @ (cross - mine.T @ theirs))
+        spread = np.eye(len(theirs)) + mine @ cov @ mine.T
+        each.append(multivariate_normal(mean, spread, allow_singular=True).logpdf(theirs))
+    return np.array(each)
 
 
 PEERS: dict[str, Callable[[Task], Names]] = {

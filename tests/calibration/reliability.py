@@ -32,6 +32,8 @@ from tests.calibration.kinds import Kind, Make, random_gain, trials, two_effects
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, log_lift, simulate
 
 DRAWS = 999
+#: Folds of visits of the stacking; least probability that is listed, as in the library.
+FOLDS, LEAST_LISTED = 10, 0.01
 DETECTABLE = 0.8
 EDGES = np.array([0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0 + 1e-9])
 VISITS = {"visits": 5}
@@ -173,6 +175,28 @@ def entries(row: Row) -> tuple[list[float], list[bool]]:
     return [unnamed, *(e["probability"] for e in named)], [outside, *right]
 
 
+def peers(row: Row) -> dict[str, Row]:
+    """The row with probabilities by rival methods, which get the true covariance and own forms."""
+    from tests.calibration.assess import peer_task
+    from tests.calibration.peers import bic_weights, stacking_weights
+
+    campaign = campaign_of(row["seed"])[1]
+    task, visit = peer_task(campaign), campaign.data.visit
+    fold = np.unique(visit, return_inverse=True)[1] % FOLDS
+    answers = {}
+    for name, (models, weight) in {
+        "model average by BIC": bic_weights(task, 2),
+        "stacking by score on visits left out": stacking_weights(task, fold),
+    }.items():
+        listed = [
+            {"effects": task.named(m), "probability": w}
+            for m, w in zip(models, weight.tolist(), strict=True)
+            if w >= LEAST_LISTED
+        ]
+        answers[name] = row | {"probabilities": listed}
+    return answers
+
+
 def corp(probability: Array, true: Array) -> tuple[Array, Array]:
     """Sorted probabilities, and the isotonic regression of truth on them."""
     order = np.lexsort((true, probability))
@@ -211,14 +235,14 @@ def reliability(rows: list[Row], seed: int = 0) -> dict[str, Any]:
     entry = pd.DataFrame({"stated": probability, "true": true, "campaign": campaign})
     bins = entry.groupby(pd.cut(probability, EDGES, right=False, labels=EDGES[:-1]), observed=True)
     table = bins[["stated", "true"]].mean().assign(n=bins.size()).rename_axis("from").reset_index()
-    # a best name without its probability is one stated with certainty
+    # a truth that is not listed has probability 0; a best name alone is one stated with certainty
+    unlisted = len(rows) - true.sum()
     best = entry.groupby("campaign")["stated"].idxmax()
-    certain = true.sum() + np.sum(1 - 2 * true[best])
     return {
         "campaigns": len(rows),
         "bins": table.to_dict("records"),
-        "brier": float(np.sum((probability - true) ** 2) / len(rows)),
-        "brier_of_best_name": float(certain / len(rows)),
+        "brier": float((np.sum((probability - true) ** 2) + unlisted) / len(rows)),
+        "brier_of_best_name": float(2 - 2 * true[best].mean()),
         "p_value": (1 + sum(value >= observed for value in null)) / (1 + DRAWS),
     }
 
@@ -252,6 +276,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--figure", type=Path)
+    parser.add_argument("--peers", action="store_true", help="Brier scores of rival methods, too")
     given = parser.parse_args()
     given.out.parent.mkdir(parents=True, exist_ok=True)
     given.out.touch()
@@ -268,6 +293,9 @@ def main() -> None:
             kept.write(json.dumps(rows[-1], default=float) + "\n")
             kept.flush()
     print(json.dumps(reliability(rows), indent=1))
+    if given.peers:
+        for name, answers in pd.DataFrame(list(map(peers, rows))).items():
+            print(name, {k: v for k, v in reliability(list(answers)).items() if k != "bins"})
     if given.figure:
         draw(rows, given.figure)
 
