@@ -44,7 +44,7 @@ def rotor_speed(made: LoopDiagnosis) -> TriedCandidate:
     return next(c for c in made.findings.rounds[0].candidates if c.name == "rotor_speed")
 
 
-@pytest.mark.parametrize("inches", [10, 12])
+@pytest.mark.parametrize("inches", [pytest.param(10, marks=pytest.mark.nightly), 12])
 @pytest.mark.parametrize("boundary", ["ground", "ceiling"])
 def test_verdict_is_that_of_the_page(diagnosed, boundary, inches):
     name = f"jirs2024-{boundary}-{inches}-inch"

@@ -85,9 +85,9 @@ def test_panels_are_labelled_with_units_and_curves_named(table):
         assert (mine["delta_L_percent"] + mine["u_delta_L_percent"] < high).all()
 
 
-def test_figures_have_the_widths_of_the_manifest(make_job):
-    job = make_job(report={"column_width": "89 mm", "full_width": "183 mm"})
-    look, table = style.style_of(job.campaign), fig2.table(gather(job))
+def test_figures_have_the_widths_of_the_manifest(evidence):
+    widths = {"column_width": "89 mm", "full_width": "183 mm"}
+    look, table = style.style_of(manifest.parse(raw_manifest(report=widths))), fig2.table(evidence)
     assert look.radius_mm is None
     for rows, width_mm in ((table, 183), (table[table["panel"] == "ground"], 89)):
         figure = files.drawn(fig2.draw, rows, look)
