@@ -95,9 +95,9 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
     """From resampled lifts to coefficients, the whitening included."""
     import numpy as np
 
-    from nearlift.fit.solver import minimise
+    from nearlift.fit.solver import System, minimise
     from nearlift.likelihood.covariance import Covariance
-    from nearlift.likelihood.problem import Problem
+    from nearlift.likelihood.problem import Likelihood
     from nearlift.models.images import SANCHEZ_CUEVAS_FREE_EXPONENT as MODEL
     from nearlift.results import Observations
 
@@ -125,19 +125,22 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
             per_visit=found["per_visit"],
             shared=np.full((n, 1), 0.002),
         )
-        problem = Problem(model=MODEL, data=trials, covariance=covariance)
+        problem = Likelihood(model=MODEL, data=trials, covariance=covariance)
         white = problem.project(found["y"][:count])
 
-        def linearised(theta: Any, rows: Any) -> Any:
-            left = part[rows] - problem.project(problem.log_ratio(theta))
-            return left, -problem.project(problem.slopes(theta))
+        def residuals(theta: Any, rows: Any) -> Any:
+            return part[rows] - problem.project(problem.log_ratio(theta))
+
+        def derivatives(theta: Any, _: Any) -> Any:
+            return -problem.project(problem.slopes(theta))
 
         parts = []
         # a batch that stays in a processor's cache
         for part in np.array_split(white, -(-len(white) * n * 3 // 200_000)):
             start = np.tile([2.0, 1.0], (len(part), 1))
             scale = np.array([0.1, 0.05])
-            parts.append(minimise(linearised, start, problem.model.bounds, scale).theta)
+            system = System(residuals, derivatives)
+            parts.append(minimise(system, start, problem.model.bounds, scale).theta)
         return np.concatenate(parts)
 
     work(1)

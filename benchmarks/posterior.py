@@ -68,7 +68,7 @@ def nearlift(path: Path, ess: int, chain: bool) -> Any:
     from nearlift.fit import posterior
     from nearlift.fit.density import Density
     from nearlift.likelihood.covariance import Covariance
-    from nearlift.likelihood.problem import Problem
+    from nearlift.likelihood.problem import Likelihood
     from nearlift.models.images import SANCHEZ_CUEVAS_FREE_EXPONENT as model
     from nearlift.results import Observations
 
@@ -95,7 +95,7 @@ def nearlift(path: Path, ess: int, chain: bool) -> Any:
         shared=np.zeros((n, 0)),
     )
     density = Density(
-        problem=Problem(model=model, data=data, covariance=covariance),
+        problem=Likelihood(model=model, data=data, covariance=covariance),
         centre=np.array([p.value for p in model.parameters]),
     )
     return posterior.sample(density, posterior.Settings(ess=ess), 1, chain=chain).theta

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import math
 import resource
@@ -159,3 +160,14 @@ def test_every_benchmark_is_one(harness):
         assert found.one in names
         assert len(set(names)) == len(names)
         assert all(t.ours in names and (not t.peer or t.peer in names) for t in found.targets)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda p: p.stem)
+def test_names_that_contestants_import_exist(path):
+    """They are imported within functions that no other test runs."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "nearlift":
+            module = importlib.import_module(str(node.module))
+            for alias in node.names:
+                if not hasattr(module, alias.name):
+                    importlib.import_module(f"{node.module}.{alias.name}")
