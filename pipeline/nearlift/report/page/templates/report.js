@@ -17,8 +17,8 @@
     const spec = held[place.closest("[data-chart]").dataset.chart][place.dataset.view];
     live.get(place)?.result.finalize();
     const result = await vegaEmbed(place.querySelector(".drawing"), { ...spec, ...(width && { width }) }, options);
-    // a letter's index is set low
-    for (const word of place.querySelectorAll("text")) word.innerHTML = word.innerHTML.replace(/([A-Za-z])_(\w)(.*)/, '$1<tspan dy="3" font-size="75%">$2</tspan><tspan dy="-3">$3</tspan>');
+    // the index of a symbol of one letter is set low; words with an underscore are left alone
+    for (const word of place.querySelectorAll("text")) word.innerHTML = word.innerHTML.replace(/\b([A-Za-z])_([A-Za-z0-9])\b(.*)/, '$1<tspan dy="3" font-size="75%">$2</tspan><tspan dy="-3">$3</tspan>');
     live.set(place, { result, rough: Boolean(width) });
   };
 
