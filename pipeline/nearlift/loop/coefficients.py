@@ -10,7 +10,6 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import information
-from nearlift.fit.estimator import ends
 from nearlift.likelihood import student
 from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import confirmation, discrepancy, few_visits, weigh
@@ -165,8 +164,9 @@ class Answers:
         return self._ends90(i, [((1.0, float(pair[0][i]), float(pair[1][i])),)])
 
     def _ends90(self, i: int, readings: list[student.Mixture]) -> tuple[float, float]:
-        within = ends(readings, float(self.dof[i]), self.bounds[i])
-        return within["lo90"], within["hi90"]
+        interval = student.interval(0.9, readings, float(self.dof[i]))
+        low, high = np.clip(interval, *self.bounds[i]).tolist()
+        return low, high
 
 
 def answers(answer: Answer) -> Answers:

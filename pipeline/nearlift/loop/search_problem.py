@@ -238,6 +238,11 @@ class SearchProblem:
         """Orthonormal basis (n, c) of the coefficients and of a random-walk gain."""
         return orthonormal(np.hstack([self.base_jacobian, self.waves]))
 
+    @cached_property
+    def waves_in_common(self) -> FloatArray:
+        """Columns of a random-walk gain in the `common` basis, (c, k)."""
+        return self.common.T @ self.waves
+
     def linearised(
         self,
         fitted: Fitted,
@@ -352,7 +357,7 @@ class SearchProblem:
 
         Its coordinates begin with the `common` ones.
         """
-        left, waves = linear_fit.left_by_unit_information, self.common.T @ self.waves
+        left, waves = linear_fit.left_by_unit_information, self.waves_in_common
         gain = likeliest(left.scores[:, 0], left.residual(waves), self.data.n)
         if not gain:
             return linear_fit
@@ -380,8 +385,12 @@ class SearchProblem:
 
     def downwash_evidence(self, fitted: Fitted) -> float:
         """Log Bayes factor over the base model by the measured downwash."""
-        downwash = self.options.downwash
-        return log_density(downwash, fitted) - log_density(downwash, self.base_fit)
+        return log_density(self.options.downwash, fitted) - self._base_downwash
+
+    @cached_property
+    def _base_downwash(self) -> float:
+        """Log density of the measured downwash given the base model."""
+        return log_density(self.options.downwash, self.base_fit)
 
     def tested(self, e: Explanation) -> Explanation:
         """Explanation with its residuals tested, if its effects could then be named."""

@@ -187,10 +187,11 @@ def weigh(
     may be named. Trials are `silent` if no test shows structure. The likeliest are first; those
     below `LEAST_LISTED` are summed at the end.
     """
-    terms = _unnamed(problem, first, LOG_SILENT_ODDS if silent else LOG_DETECTED_ODDS)
+    of_nothing = LOG_SILENT_ODDS if silent else LOG_DETECTED_ODDS
+    terms = _unnamed(problem, first, of_nothing)
     if not first.present:
-        nothing = problem.nothing_added[1] / TEMPERATURE if not problem.independent else 0.0
-        odds, effects = log_odds(problem, 1), first_order(problem).items()
+        nothing, odds = terms[0][1] - of_nothing, log_odds(problem, 1)
+        effects = first_order(problem).items()
         terms += [(((name,), ""), nothing + v / TEMPERATURE + odds) for name, v in effects]
     else:
         terms += _explained(problem, first, allowed or tried, bool(allowed))
