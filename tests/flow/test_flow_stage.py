@@ -15,7 +15,7 @@ from tests.unit import small_run
 
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.velocity_fields import files_of
+from nearlift.readers.piv import files_of
 from nearlift.run import engine
 from nearlift.stages import STAGES, flow
 from nearlift.stages.flow import (

@@ -12,8 +12,7 @@ import pytest
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import piv
-from nearlift.readers.piv import DIALECTS, Setting, claimed_by, dialect_of
-from nearlift.readers.velocity_fields import read
+from nearlift.readers.piv import DIALECTS, Setting, claimed_by, read
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "piv-samples"
 measured = pytest.mark.skipif(
@@ -108,7 +107,7 @@ def dantec(columns: str = NAMES, status: np.ndarray = 0 * ONE, tab: bool = False
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_every_text_dialect_gives_the_same_field(tmp_path, name, text, setting, ending):
     path = put(tmp_path, text.replace("\n", ending))
-    assert claimed_by(path).name == name
+    assert claimed_by(path) == name
     field = one(path, setting)
     np.testing.assert_allclose(field.x_m, 1e-3 * X[0])
     np.testing.assert_allclose(field.y_m, 1e-3 * Y[:, 0])
@@ -274,9 +273,9 @@ def test_what_cannot_be_known_is_refused_with_its_remedy(tmp_path, text, setting
         one(put(tmp_path, text), setting)
 
 
-def test_a_near_miss_of_a_format_is_named():
+def test_a_near_miss_of_a_format_is_named(tmp_path):
     with pytest.raises(ManifestError, match="did you mean 'davis'"):
-        dialect_of("davies")
+        one(tmp_path / "none", name="davies")
 
 
 def test_an_old_file_of_flags_can_be_said_to_be_pivlab(tmp_path):
@@ -354,7 +353,7 @@ def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     path = put(tmp_path, b"\x89HDF\r\n\x1a\n" + bytes(100), "a.nc")
     with pytest.raises(InputRefused, match=r"needs the package h5py\n.*nearlift\[netcdf\]"):
-        list(dialect_of("netcdf").read(path))
+        list(DIALECTS["netcdf"].fields(path))
 
 
 def test_what_a_library_parses_is_parsed_in_another_process(tmp_path, monkeypatch):
@@ -363,9 +362,9 @@ def test_what_a_library_parses_is_parsed_in_another_process(tmp_path, monkeypatc
     def refuse(*_, **__):
         raise AssertionError("parsed in this process")
 
-    assert [d.name for d in DIALECTS.values() if d.fields] == ["pivlab_mat", "netcdf"]
+    assert [name for name, d in DIALECTS.items() if d.guarded] == ["pivlab_mat", "netcdf"]
     path = netcdf(tmp_path / "a.nc")
-    here = [raw.u for raw in dialect_of("netcdf").read(path)]
+    here = [raw.u for raw in DIALECTS["netcdf"].fields(path)]
     monkeypatch.setattr(h5py, "File", refuse)
     for most in (piv.ANSWER, 0):
         monkeypatch.setattr(piv, "ANSWER", most)

@@ -11,7 +11,7 @@ import tomlkit
 from nearlift.errors import InputRefused
 from nearlift.flow.field import on_grid
 from nearlift.readers.base import Channel, Contents
-from nearlift.readers.piv import PIXEL, Setting, claimed_by, raws
+from nearlift.readers.piv import DIALECTS, PIXEL, Setting, claimed_by, raws
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +26,8 @@ class Grid:
 def grid_of(path: Path) -> Grid | None:
     """Velocity grid of a file, by its first field; None where it is none."""
     try:
-        dialect = claimed_by(path)
-        raw = next(iter(raws(path, dialect)))
+        name = claimed_by(path)
+        raw = next(iter(raws(path, name)))
         across, up, _ = on_grid(raw.x, raw.y, (raw.u,), str(path))
     except (InputRefused, StopIteration):
         return None
@@ -35,11 +35,11 @@ def grid_of(path: Path) -> Grid | None:
     columns = {"x": (length, raw.x), "y": (length, raw.y), "u": (speed, raw.u), "v": (speed, raw.v)}
     contents = Contents(
         channels=tuple(Channel(name=n, unit=unit, values=v) for n, (unit, v) in columns.items()),
-        kind=f"velocity grid, {dialect.title}",
+        kind=f"velocity grid, {DIALECTS[name].title}",
         notes=(f"{len(across)} x {len(up)} nodes: no record of force",),
     )
-    section = _section(dialect.name, raw.stated, path.suffix)
-    return Grid(format=dialect.name, contents=contents, section=section)
+    section = _section(name, raw.stated, path.suffix)
+    return Grid(format=name, contents=contents, section=section)
 
 
 def _section(form: str, stated: Setting, suffix: str) -> str:

@@ -1,11 +1,8 @@
-"""Exported velocity grids as they are in a file: a table of dialects over one reader of text.
+"""Exported velocity grids: a table of dialects, their fields in SI, and the files of a case.
 
-The dialects are OpenPIV, PIVlab, Insight, DaVis, Dantec and pivpy's netCDF.
-
-A text dialect is a function from a header to the names and units of columns. One reader reads all
-of them, finds columns by name, and checks rows, column counts and promised sizes. A number that a
-header states must agree with the manifest. A vector that is exactly (0, 0) is missing: correlating
-software writes it where it found nothing.
+A text dialect is a function from a header to the names and units of columns; one reader of text
+takes them all. A number that a header states must agree with the manifest. A vector that is exactly
+(0, 0) is missing: correlating software writes it where it found nothing.
 """
 
 from __future__ import annotations
@@ -13,18 +10,21 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from nearlift import units
+from nearlift.campaign.piv import Piv, PivCase
 from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
+from nearlift.flow.field import VelocityField, masked, on_grid, orient
 from nearlift.readers import guarded
 from nearlift.readers.base import library
-from nearlift.readers.files import content_of, head_of
+from nearlift.readers.files import content_of, head_of, inside, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.hdf5 import MAGIC, datasets
 from nearlift.readers.mat import V5, V73
@@ -53,7 +53,7 @@ class Setting:
     frame_time_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Raw:
     """One field as a file holds it, rows (n,) in any order, and what the file states of units.
 
@@ -65,10 +65,9 @@ class Raw:
     y: FloatArray
     u: FloatArray
     v: FloatArray
-    _: KW_ONLY
     good: BoolArray
-    stated: Setting
     noise: FloatArray | None = None
+    stated: Setting
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,24 +84,15 @@ class Header:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridDialect:
-    """One outside format: its name in ``[piv] format``, and a title for the catalogue.
+    """One outside format: a title, whether first bytes are of it, and the fields of a file.
 
-    `recognises` judges a file by its first bytes; no two dialects claim one file. `header` is that
-    of a text; `fields` reads a binary file, in the guarded process.
+    A binary file is read in the `guarded` process. No two dialects claim one file.
     """
 
-    name: str
     title: str
     recognises: Callable[[bytes], object]
-    header: Callable[[list[str], str], Header] | None = None
-    fields: Callable[[Path], Iterator[Raw]] | None = None
-
-    def read(self, path: Path) -> Iterator[Raw]:
-        """The fields of a file, one in memory at a time."""
-        if self.header is not None:
-            yield _of_text(path, self.header)
-        if self.fields is not None:
-            yield from self.fields(path)
+    fields: Callable[[Path], Iterator[Raw]]
+    guarded: bool = False
 
 
 def _refusal(where: object, what: str, remedy: str = "export it again") -> InputRefused:
@@ -112,7 +102,7 @@ def _refusal(where: object, what: str, remedy: str = "export it again") -> Input
 # ---- text
 
 
-def _of_text(path: Path, header_of: Callable[[list[str], str], Header]) -> Raw:
+def _of_text(header_of: Callable[[list[str], str], Header], path: Path) -> Iterator[Raw]:
     """The one field of a text file, its columns found by the header's names and units."""
     content = content_of(path)
     if not content:
@@ -126,32 +116,31 @@ def _of_text(path: Path, header_of: Callable[[list[str], str], Header]) -> Raw:
         raise _refusal(path, what, "export it again as text")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     header = header_of(lines, str(path))
-    table = _table(path, lines, header)
-    column: dict[str, int] = {}
-    for i, (name, _) in enumerate(header.columns):
-        column.setdefault(name.strip().lower(), i)
-    good = np.isfinite(table[:, column["s2n"]]) if "s2n" in column else np.ones(len(table), bool)
-    for name, measured in MEASURED.items():
-        if name in column:
-            good &= table[:, column[name]] == measured
+    table = _table(path, lines[header.first :], header)
+    names = [name.strip().lower() for name, _ in header.columns]
+    good = np.ones(len(table), bool)
+    if "s2n" in names:
+        good = np.isfinite(table[:, names.index("s2n")])
+    for name in MEASURED.keys() & {*names}:
+        good &= table[:, names.index(name)] == MEASURED[name]
     noise = [
-        np.abs(table[:, i])
-        for i, (name, unit) in enumerate(header.columns)
+        np.abs(values)
+        for (name, unit), values in zip(header.columns, table.T, strict=True)
         if name.startswith("uncertainty") and "/" in (unit or "")
     ]
-    places = [_place(header, letter, path) for letter in "xyuv"]
-    length, velocity = (header.columns[places[k]][1] for k in (0, 2))
+    places = {letter: _place(header, letter, path) for letter in "xyuv"}
     stated = replace(
         header.stated,
-        length_unit=header.stated.length_unit or length,
-        velocity_unit=header.stated.velocity_unit or velocity,
+        length_unit=header.stated.length_unit or header.columns[places["x"]][1],
+        velocity_unit=header.stated.velocity_unit or header.columns[places["u"]][1],
     )
-    return Raw(*table.T[places], good=good, stated=stated, noise=noise[0] if noise else None)
+    columns = {letter: table[:, place] for letter, place in places.items()}
+    yield Raw(**columns, good=good, noise=noise[0] if noise else None, stated=stated)
 
 
 def _table(path: Path, lines: Sequence[str], header: Header) -> FloatArray:
     """The numbers below a header, a row for each vector; refuses other rows than promised."""
-    rows = [line.strip() for line in lines[header.first :]]
+    rows = [line.strip() for line in lines]
     data = next(filter(None, rows), "")
     if not data:
         raise _refusal(path, "holds a header and no vectors")
@@ -171,10 +160,8 @@ def _table(path: Path, lines: Sequence[str], header: Header) -> FloatArray:
     whole = Lines(body=body.encode(), where=str(path), line=header.first + 1)
     try:
         table = np.stack(parse(whole, layout, range(count))[0], axis=1)
-    except InputRefused as refusal:
-        raise _refusal(
-            refusal.where, refusal.what, "export it again, with decimal points"
-        ) from None
+    except InputRefused as bad:
+        raise _refusal(bad.where, bad.what, "export it again, with decimal points") from None
     if count != len(header.columns):
         what = f"has {count} columns where the header names {len(header.columns)}"
         raise _refusal(f"{path}, line {header.first + 1}", what)
@@ -188,10 +175,10 @@ def _table(path: Path, lines: Sequence[str], header: Header) -> FloatArray:
 def _place(header: Header, letter: str, where: Path) -> int:
     """Place of a coordinate or component: in metres rather than in pixels, with a unit first."""
     fitting = [
-        (unit is None, (unit or "").lower().split("/")[0] in PIXEL, i)
+        (unit is None, _plain(unit or "").startswith("px"), i)
         for i, (name, unit) in enumerate(header.columns)
         # Dantec's U pix[pix] names the unit twice
-        if (name.strip().lower().split() or [""])[0] == letter
+        if name.lower().split()[:1] == [letter]
     ]
     if not fitting:
         named = ", ".join(name for name, _ in header.columns)
@@ -203,8 +190,7 @@ def _place(header: Header, letter: str, where: Path) -> int:
 def _named(cells: Sequence[str]) -> list[tuple[str, str | None]]:
     """Name and unit of headings such as ``u [m/s]`` and ``X (mm)[mm]``."""
     named: list[tuple[str, str | None]] = []
-    for cell in cells:
-        plain = cell.strip().strip('"')
+    for plain in (cell.strip().strip('"') for cell in cells):
         name, bracket, unit = plain.rpartition("[")
         stated = bracket and unit.endswith("]")
         named.append((name.partition("(")[0].strip(), unit[:-1]) if stated else (plain, None))
@@ -218,11 +204,9 @@ def openpiv(lines: list[str], where: str) -> Header:
     if lines[0].startswith("#"):
         return Header(first=1, columns=[(n, None) for n in lines[0].lstrip("# ").split()])
     if {row.split()[-1] for row in lines if row.strip()} <= {"0", "1", "2"}:
-        raise _refusal(
-            where,
-            "has a fifth column of flags, and no header says whether 0 or 1 is a good vector",
-            'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is good)',
-        )
+        what = "has a fifth column of flags, and no header says whether 0 or 1 is a good vector"
+        remedy = 'save it with a header, or say format = "pivlab" if PIVlab wrote it'
+        raise _refusal(where, what, f"{remedy} (there 1 is good)")
     return Header(first=0, columns=[(name, None) for name in ("x", "y", "u", "v", "s2n")])
 
 
@@ -235,27 +219,20 @@ def _is_openpiv(head: bytes) -> bool:
 
 
 def insight(lines: list[str], where: str) -> Header:
-    """TSI Insight: one Tecplot line, then comma rows x, y, u, v, CHC.
-
-    The header states um per pixel and us between images.
+    """TSI Insight: one Tecplot line, with um per pixel and us between images, then comma rows x, y,
+    u, v, CHC.
     """
     listed = re.search(r"VARIABLES=((?:\s*\"[^\"]*\",?)+)", lines[0])
-    names = [n.partition(" ") for n in re.findall(r'"([^"]*)"', listed[1])] if listed else []
-
-    def stated(key: str) -> float | None:
-        """A positive number of the header, in 1e-6 of its unit."""
+    names = re.findall(r'"([^" ]*) ?([^"]*)"', listed[1]) if listed else []
+    keys = {"scale_m": "MicrometersPerPixelX", "frame_time_s": "MicrosecondsPerDeltaT"}
+    stated: dict[str, Any] = {}
+    for name, key in keys.items():
         text, end, _ = lines[0].partition(f'{key}="')[2].partition('"')
         if end and not units.NUMBER.fullmatch(text):
             raise _refusal(f"{where}, line 1", f"has {key} {text!r}, which is no number")
-        return 1e-6 * float(text) if end and float(text) > 0 else None
-
-    return Header(
-        first=1,
-        columns=[(name, unit or None) for name, _, unit in names],
-        stated=Setting(
-            scale_m=stated("MicrometersPerPixelX"), frame_time_s=stated("MicrosecondsPerDeltaT")
-        ),
-    )
+        stated[name] = 1e-6 * float(text) if end and float(text) > 0 else None
+    columns = [(name, unit or None) for name, unit in names]
+    return Header(first=1, columns=columns, stated=Setting(**stated))
 
 
 def davis(lines: list[str], where: str) -> Header:
@@ -280,10 +257,10 @@ def pivlab(lines: list[str], where: str) -> Header:
     in metres, and then both factors are equal.
     """
     header = [line for line in lines[:3] if re.match(r"\s*(PIVlab|FRAME:|x\s*\[)", line)]
-    columns = next(
-        (_named(re.split(r"[,;\t]", line)) for line in header if re.match(r"\s*x\s*\[", line)), []
-    )
-    if not columns:
+    listed = [line for line in header if re.match(r"\s*x\s*\[", line)]
+    if listed:
+        columns = _named(re.split(r"[,;\t]", listed[0]))
+    else:
         data = next((line for line in lines[len(header) :] if line.strip()), "")
         more = len(re.split(r"[,\t]| +", data.strip())) - 5
         columns = [(n, None) for n in ("x", "y", "u", "v", "vector type", *[""] * more)]
@@ -297,10 +274,8 @@ def pivlab(lines: list[str], where: str) -> Header:
         length, (velocity, rest) = units.measure(xy)[0], units.measure(uv)
         if length is None or velocity is None or rest.startswith("."):
             raise _refusal(f"{where}, line {i + 1}", "has conversion factors that are no numbers")
-        stated = Setting(
-            length_unit=columns[0][1] or "m",
-            velocity_unit="m/frame" if length == velocity else columns[2][1] or "m/s",
-        )
+        displaced = "m/frame" if length == velocity else columns[2][1] or "m/s"
+        stated = Setting(length_unit=columns[0][1] or "m", velocity_unit=displaced)
         if length == velocity == 1:
             stated = Setting(length_unit="px", velocity_unit="px/frame")
     return Header(first=len(header), columns=columns, stated=stated)
@@ -358,8 +333,9 @@ def pivlab_fields(path: Path) -> Iterator[Raw]:
     variables = _version_5(path) if head_of(path, len(V5)) == V5 else _version_73(path)
     stem = next((s for s in ("u_filtered", "u_original", "u") if variables.get(s)), None)
     if stem is None or "x" not in variables or "y" not in variables:
-        held = ", ".join(sorted(variables)) or "nothing"
-        what = f"holds {held}, not PIVlab's x, y and u_original"
+        what = (
+            f"holds {', '.join(sorted(variables)) or 'nothing'}, not PIVlab's x, y and u_original"
+        )
         raise _refusal(path, what, "save the PIVlab session")
     v, flags = variables.get("v" + stem[1:], []), variables.get("typevector" + stem[1:], [])
     stated = _pivlab_units(variables, path)
@@ -368,11 +344,10 @@ def pivlab_fields(path: Path) -> Iterator[Raw]:
             what = "lacks v or its vector types"
             raise _refusal(f"{path}, field {i + 1}", what, "save the session again")
         x, y = (variables[name][min(i, len(variables[name]) - 1)] for name in "xy")
-        yield Raw(
-            *(np.asarray(a, dtype=float).ravel() for a in (x, y, u, v[i])),
-            good=np.asarray(flags[i]).ravel() == MEASURED["vector type"],
-            stated=stated,
-        )
+        columns = {
+            k: np.ravel(np.asarray(a, float)) for k, a in zip("xyuv", (x, y, u, v[i]), strict=True)
+        }
+        yield Raw(**columns, good=np.ravel(flags[i]) == MEASURED["vector type"], stated=stated)
 
 
 def _pivlab_units(variables: Mapping[str, Sequence[Any]], path: Path) -> Setting:
@@ -382,10 +357,7 @@ def _pivlab_units(variables: Mapping[str, Sequence[Any]], path: Path) -> Setting
         if len(stated) != 2:
             raise _refusal(path, f"has units {said!r}", "PIVlab writes '[m] respectively [m/s]'")
         return Setting(length_unit=stated[0], velocity_unit=stated[1])
-    xy, uv = (
-        float(np.ravel(variables[name][0])[0]) if variables.get(name) else 1.0
-        for name in ("calxy", "caluv")
-    )
+    xy, uv = (float(np.ravel(variables.get(name) or 1.0)[0]) for name in ("calxy", "caluv"))
     calibrated = xy != 1 and uv != 1 and xy > 0 and uv > 0
     return Setting(
         length_unit="px",
@@ -409,15 +381,15 @@ def _version_73(path: Path) -> dict[str, list[Any]]:
         arrays = {name: item for name, item in file.items() if hasattr(item, "shape")}
         # numbered ones in their order: x_0, x_1, ..., x_10
         for name in sorted(arrays, key=lambda name: (len(name), name)):
-            item, number = arrays[name], re.fullmatch(r"(x|y|u|v|typevector)_\d+", name)
+            values, number = arrays[name][...], re.fullmatch(r"(x|y|u|v|typevector)_\d+", name)
             if number:
-                variables.setdefault(number[1], []).append(item[...])
+                variables.setdefault(number[1], []).append(values)
             elif name == "units":
-                variables[name] = ["".join(chr(c) for c in np.ravel(item[...]))]
-            elif item.dtype == object:
-                variables[name] = [file[reference][...] for reference in np.ravel(item[...])]
+                variables[name] = ["".join(map(chr, np.ravel(values)))]
+            elif values.dtype == object:
+                variables[name] = [file[reference][...] for reference in np.ravel(values)]
             else:
-                variables[name] = [item[...]]
+                variables[name] = [values]
     return variables
 
 
@@ -434,34 +406,28 @@ def netcdf_fields(path: Path) -> Iterator[Raw]:
     # h5netcdf knows dimensions
     with library("h5netcdf", "netcdf").File(path, "r") as dataset:
         variables = dataset.variables
-        if lacking := [n for n in ("x", "y", "u", "v") if n not in variables]:
-            raise _refusal(
-                path,
-                f"has no {', '.join(lacking)}, but {', '.join(sorted(variables))}",
-                "write a field in pivpy's layout: u, v on x, y, t",
-            )
-        x, y = (np.asarray(variables[n][...], dtype=float) for n in "xy")
+        if lacking := [n for n in "xyuv" if n not in variables]:
+            what = f"has no {', '.join(lacking)}, but {', '.join(sorted(variables))}"
+            raise _refusal(path, what, "write a field in pivpy's layout: u, v on x, y, t")
+        across, up = np.meshgrid(*(np.asarray(variables[n][...], float) for n in "xy"))
         u, v = (_frames(variables[n], n, path) for n in "uv")
         chc, mask = (
             _frames(variables[n], n, path) if n in variables else np.full(u.shape, usual)
             for n, usual in (("chc", 1.0), ("mask", 0.0))
         )
-        frame = float(np.ravel(dataset.attrs.get("delta_t", 0.0))[0])
         stated = Setting(
             length_unit=_unit_of(variables["x"]),
             velocity_unit=_unit_of(variables["u"]),
-            frame_time_s=frame or None,
+            frame_time_s=float(np.ravel(dataset.attrs.get("delta_t", 0.0))[0]) or None,
         )
-    across, up = np.meshgrid(x, y)
     for i in range(len(u)):
-        good = ((chc[i] == 1) & (mask[i] != 1)).ravel()
-        yield Raw(*(a.ravel() for a in (across, up, u[i], v[i])), good=good, stated=stated)
+        columns = {k: a.ravel() for k, a in zip("xyuv", (across, up, u[i], v[i]), strict=True)}
+        yield Raw(**columns, good=((chc[i] == 1) & (mask[i] != 1)).ravel(), stated=stated)
 
 
 def _frames(variable: Any, name: str, path: Path) -> FloatArray:
     """A variable as (t, y, x)."""
-    dims = tuple(variable.dimensions)
-    values = np.asarray(variable[...], dtype=float)
+    dims, values = tuple(variable.dimensions), np.asarray(variable[...], dtype=float)
     if sorted(dims) == ["x", "y"]:
         values, dims = values[None], ("t", *dims)
     if sorted(dims) != ["t", "x", "y"]:
@@ -477,54 +443,51 @@ def _unit_of(variable: Any) -> str | None:
 
 # ---- the table of dialects
 
-
-def _is_insight(head: bytes) -> bool:
-    return head.lstrip().startswith(b"TITLE=") and b"VARIABLES=" in head and b'"CHC"' in head
-
-
-def _is_pivlab_mat(head: bytes) -> bool:
-    return head.startswith((V5, V73)) or (head.startswith(MAGIC) and b"typevector" in head)
-
-
-def _is_netcdf(head: bytes) -> bool:
-    return (head.startswith(MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
-
-
-_TABLE: tuple[tuple[str, str, Callable[[bytes], object], dict[str, Any]], ...] = (
-    ("insight", "TSI Insight .vec", _is_insight, {"header": insight}),
-    ("davis", "LaVision DaVis text", re.compile(rb"#DaVis").match, {"header": davis}),
-    ("openpiv", "OpenPIV text, with or without header", _is_openpiv, {"header": openpiv}),
-    ("pivlab", "PIVlab ASCII chart", _is_pivlab, {"header": pivlab}),
-    (
-        "dantec",
-        "Dantec DynamicStudio export, CSV or TAB",
-        re.compile(rb"\s*>>\*HEADER\*<<").match,
-        {"header": dantec},
-    ),
-    (
-        "pivlab_mat",
-        "PIVlab MATLAB file, version 5 or 7.3",
-        _is_pivlab_mat,
-        {"fields": pivlab_fields},
-    ),
-    ("netcdf", "netCDF in pivpy's layout", _is_netcdf, {"fields": netcdf_fields}),
-)
 DIALECTS = {
-    name: GridDialect(name=name, title=title, recognises=recognises, **reading)
-    for name, title, recognises, reading in _TABLE
+    "insight": GridDialect(
+        title="TSI Insight .vec",
+        recognises=re.compile(rb'\s*TITLE=(?=[^\n]*VARIABLES=)(?=[^\n]*"CHC")').match,
+        fields=partial(_of_text, insight),
+    ),
+    "davis": GridDialect(
+        title="LaVision DaVis text",
+        recognises=re.compile(rb"#DaVis").match,
+        fields=partial(_of_text, davis),
+    ),
+    "openpiv": GridDialect(
+        title="OpenPIV text, with or without header",
+        recognises=_is_openpiv,
+        fields=partial(_of_text, openpiv),
+    ),
+    "pivlab": GridDialect(
+        title="PIVlab ASCII chart", recognises=_is_pivlab, fields=partial(_of_text, pivlab)
+    ),
+    "dantec": GridDialect(
+        title="Dantec DynamicStudio export, CSV or TAB",
+        recognises=re.compile(rb"\s*>>\*HEADER\*<<").match,
+        fields=partial(_of_text, dantec),
+    ),
+    "pivlab_mat": GridDialect(
+        title="PIVlab MATLAB file, version 5 or 7.3",
+        recognises=lambda head: (
+            head.startswith((V5, V73)) or (head.startswith(MAGIC) and b"typevector" in head)
+        ),
+        fields=pivlab_fields,
+        guarded=True,
+    ),
+    "netcdf": GridDialect(
+        title="netCDF in pivpy's layout",
+        recognises=lambda head: (
+            head.startswith(b"CDF") or (head.startswith(MAGIC) and b"typevector" not in head)
+        ),
+        fields=netcdf_fields,
+        guarded=True,
+    ),
 }
 
 
-def dialect_of(name: str) -> GridDialect:
-    """The dialect of that name; `ManifestError` with the nearest if there is none."""
-    if name not in DIALECTS:
-        near = did_you_mean(name, DIALECTS) or f"formats are {', '.join(DIALECTS)}"
-        raise ManifestError("piv.format", f"there is no format {name!r}", near)
-    return DIALECTS[name]
-
-
-def claimed_by(path: Path) -> GridDialect:
-    """The one dialect that claims a file; `InputRefused` where none does, or more than one."""
+def claimed_by(path: Path) -> str:
+    """Name of the one dialect that claims a file; `InputRefused` where none does, or several."""
     head = head_of(path, HEAD)
     if head.startswith(UTF16):
         head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode()
@@ -533,32 +496,30 @@ def claimed_by(path: Path) -> GridDialect:
         head = head.replace(b"\r\n", b"\n")
     if not head:
         raise _refusal(path, "is empty")
-    claimed = [d for d in DIALECTS.values() if d.recognises(head)]
+    claimed = [name for name, dialect in DIALECTS.items() if dialect.recognises(head)]
     if len(claimed) != 1:
-        what = f"could be {' or '.join(d.name for d in claimed)}"
-        raise _refusal(
-            path,
-            what if claimed else "is of no known format",
-            f'say format = "..." under [piv]; formats are {", ".join(DIALECTS)}',
-        )
+        what = f"could be {' or '.join(claimed)}" if claimed else "is of no known format"
+        remedy = f'say format = "..." under [piv]; formats are {", ".join(DIALECTS)}'
+        raise _refusal(path, what, remedy)
     return claimed[0]
 
 
-# ---- fields as they are in a file
+def raws(path: Path, name: str) -> Iterator[Raw]:
+    """The fields of one file as they are in it, by the dialect of that name.
 
-
-def raws(path: Path, dialect: GridDialect) -> Iterator[Raw]:
-    """The fields of one file as they are in it.
-
-    `InputRefused` as by the dialect's own reader, or where that crashed or came to a limit.
+    `ManifestError` with the nearest name where there is no such dialect. `InputRefused` as by the
+    dialect, or where its library crashed or came to a limit.
     """
-    if dialect.fields is None:
-        yield from dialect.read(path)
+    if name not in DIALECTS:
+        near = did_you_mean(name, DIALECTS) or f"formats are {', '.join(DIALECTS)}"
+        raise ManifestError("piv.format", f"there is no format {name!r}", near)
+    if not DIALECTS[name].guarded:
+        yield from DIALECTS[name].fields(path)
         return
     done, more = 0, True
     while more:
         try:
-            fields, more = guarded.run(some_fields, dialect.name, path, done)
+            fields, more = guarded.run(some_fields, name, path, done)
         except Malformed as fault:
             raise _refusal(path, str(fault)) from None
         yield from fields
@@ -571,9 +532,151 @@ def some_fields(name: str, path: Path, first: int) -> tuple[list[Raw], bool]:
     """
     fields: list[Raw] = []
     size = 0
-    for raw in itertools.islice(dialect_of(name).read(path), first, None):
+    for raw in itertools.islice(DIALECTS[name].fields(path), first, None):
         if size > ANSWER:
             return fields, True
         fields.append(raw)
-        size += sum(np.asarray(a).nbytes for a in (raw.x, raw.y, raw.u, raw.v, raw.good))
+        size += sum(a.nbytes for a in (raw.x, raw.y, raw.u, raw.v, raw.good))
     return fields, False
+
+
+# ---- fields in SI
+
+
+def read(
+    path: Path, setting: Setting | None = None, format_name: str | None = None
+) -> Iterator[VelocityField]:
+    """The fields of one file in SI, in the file's own axes; `InputRefused` where it cannot be read,
+    or holds no velocities in known units.
+    """
+    for i, raw in enumerate(raws(path, format_name or claimed_by(path))):
+        yield to_si(raw, setting or Setting(), f"{path}, field {i + 1}" if i else str(path))
+
+
+def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
+    """A field in SI on its grid, in the file's own axes; NaN where there is no vector.
+
+    Raises
+    ------
+    InputRefused
+        A unit is unknown or contradicts the manifest. Pixels have no scale, or displacements no
+        frame time. Every vector is zero or missing. The grid is not rectangular and even.
+    """
+    known = Setting(
+        length_unit=_agreed(raw, setting, "length_unit", where),
+        velocity_unit=_agreed(raw, setting, "velocity_unit", where),
+        scale_m=raw.stated.scale_m or setting.scale_m,
+        frame_time_s=raw.stated.frame_time_s or setting.frame_time_s,
+    )
+    per_length = _factor(known.length_unit, "length", known, where)
+    per_velocity = _factor(known.velocity_unit, "velocity", known, where)
+    nothing = (raw.u == 0) & (raw.v == 0)
+    good = raw.good & np.isfinite(raw.u) & np.isfinite(raw.v) & ~nothing
+    if not good.any():
+        zero = len(nothing) and nothing.all()
+        what = "every vector is zero" if zero else f"none of its {len(good)} vectors is valid"
+        raise _refusal(where, what, "check the mask and the flags of the export")
+    noise = np.full(len(good), np.nan) if raw.noise is None else raw.noise
+    columns = (
+        np.where(good, per_velocity * raw.u, np.nan),
+        np.where(good, per_velocity * raw.v, np.nan),
+        np.where(good & (noise > 0), abs(per_velocity) * noise, np.nan),
+    )
+    x, y, (vx, vy, u) = on_grid(per_length * raw.x, per_length * raw.y, columns, where)
+    return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy, u_m_s=None if raw.noise is None else u)
+
+
+def _agreed(raw: Raw, setting: Setting, key: str, where: str) -> str:
+    """The unit of a file or of the manifest; both must agree."""
+    stated, manifest = getattr(raw.stated, key), getattr(setting, key)
+    if stated is None and manifest is None:
+        example = '"mm"' if key == "length_unit" else '"m/s" (or "px/frame")'
+        what = f"does not say its {key.replace('_', ' ')}"
+        raise _refusal(where, what, f"add {key} = {example} under [piv]")
+    if None not in (stated, manifest) and _plain(stated) != _plain(manifest):
+        what = f"says {stated!r} where the manifest's {key} is {manifest!r}"
+        raise _refusal(where, what, f"leave {key} out, or export in {manifest!r}")
+    return _plain(manifest if stated is None else stated)
+
+
+def _plain(unit: str) -> str:
+    text = unit.strip().strip("[]()").replace(" ", "").replace("µ", "u")
+    head, _, tail = text.partition("/")
+    head = "px" if head.lower() in PIXEL else head
+    tail = "frame" if tail.lower() in FRAME else tail
+    return f"{head}/{tail}" if tail else head
+
+
+def _factor(unit: str | None, dimension: str, known: Setting, where: str) -> float:
+    """SI value of a unit of length, velocity or displacement, which may be in pixels."""
+    assert unit is not None
+    head, _, tail = unit.partition("/")
+    if dimension == "velocity" and tail in ("frame", ""):
+        length = _factor(head, "length", known, where)
+        if known.frame_time_s is None:
+            what = f"holds displacements ({unit}), not velocities"
+            remedy = 'add frame_time = "100 us", the time between a pair\'s images'
+            raise _refusal(where, what, remedy)
+        return length / known.frame_time_s
+    if unit == "px" or (head == "px" and dimension == "velocity"):
+        if known.scale_m is None:
+            what = "is in pixels, and nothing says how large a pixel is"
+            raise _refusal(where, what, 'add scale = "20 um/px" under [piv]')
+        return known.scale_m / (_factor(tail, "time", known, where) if tail else 1.0)
+    try:
+        return units.to_si(unit, dimension, where)[0]
+    except ManifestError as refusal:
+        raise InputRefused(where, refusal.what, refusal.remedy) from None
+
+
+# ---- the files of a case
+
+
+def files_of(root: Path, case: PivCase) -> list[Path]:
+    """Every file of a case, in the order of the numbers in their names.
+
+    `ManifestError` where the pattern leads outside the campaign's folder, or matches nothing.
+    `InputRefused` where a file leads outside by a link, or is no regular file.
+    """
+    where = f"piv case {case.name!r}: files"
+    if Path(case.files).is_absolute() or ".." in Path(case.files).parts:
+        what = f"{case.files!r} leads outside the campaign's folder"
+        raise ManifestError(where, what, "put the files themselves into the folder")
+    names = [source_of(root, path) for path in root.glob(case.files) if path.is_file()]
+    if not names:
+        what = f"no file matches {case.files!r} in {root}"
+        raise ManifestError(where, what, 'write a pattern such as "piv/ground-3.4/*.txt"')
+    return [inside(root, name, where)[0] for name in sorted(names, key=_natural)]
+
+
+def _natural(name: str) -> list[str | int]:
+    # every second part is a number
+    return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", name))]
+
+
+@dataclass
+class Stream:
+    """The fields of one case, one in memory at a time; `refused` lists files and their reasons."""
+
+    root: Path
+    piv: Piv
+    case: PivCase
+    files: list[Path]
+    refused: list[tuple[str, InputRefused]] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[VelocityField]:
+        said = partial(self.piv.setting, self.case)
+        setting = Setting(
+            length_unit=said("length_unit"),
+            velocity_unit=said("velocity_unit"),
+            scale_m=said("scale"),
+            frame_time_s=said("frame_time"),
+        )
+        lie = {name: said(name) for name in ("thrust", "across")}
+        lie |= {"origin_m": said("origin"), "v_sign": said("v_sign", 1)}
+        for path in self.files:
+            try:
+                for one in read(path, setting, said("format")):
+                    yield masked(orient(one, **lie), said("mask", []))
+            except InputRefused as refusal:
+                self.refused.append((source_of(self.root, path), refusal))

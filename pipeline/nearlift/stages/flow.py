@@ -120,7 +120,7 @@ FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
 def inputs(root: Path, campaign: Campaign) -> Inputs:
     """Velocity grids, those of a case under one name: they may be hundreds."""
     from nearlift.readers.files import source_of
-    from nearlift.readers.velocity_fields import files_of
+    from nearlift.readers.piv import files_of
 
     listed = {}
     for case in campaign.piv.case if campaign.piv is not None else ():
@@ -140,7 +140,7 @@ def run(job: Job) -> Outcome:
         The files of a case cannot be read, or hold what cannot be.
     """
     from nearlift.flow.wakes import wakes
-    from nearlift.readers.velocity_fields import Stream, files_of
+    from nearlift.readers.piv import Stream, files_of
 
     def fields(case: PivCase) -> Stream:
         assert job.campaign.piv is not None
