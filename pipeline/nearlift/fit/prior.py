@@ -28,6 +28,12 @@ class TruncatedPrior:
         """Cumulative probability at the bounds, before truncation."""
         return np.asarray(self._whole.cdf(self.parameter.bounds), dtype=np.float64)
 
+    @cached_property
+    def _log_mass(self) -> float:
+        """Log of the probability within the bounds, before truncation."""
+        below, above = self._ends
+        return math.log(above - below)
+
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log of the density, -inf outside the bounds, (m,)."""
         prior, (low, high) = self.parameter.prior, self.parameter.bounds
@@ -38,7 +44,7 @@ class TruncatedPrior:
             )
         else:
             log = np.asarray(self._whole.logpdf(x), dtype=float)
-        return np.where((x >= low) & (x <= high), log - math.log(np.diff(self._ends)[0]), -np.inf)
+        return np.where((x >= low) & (x <= high), log - self._log_mass, -np.inf)
 
     def quantile(self, probability: Any) -> FloatArray:
         """Quantile of the truncated distribution."""
