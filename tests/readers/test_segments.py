@@ -376,24 +376,6 @@ def test_what_does_not_fit_the_records_is_refused(
     )
 
 
-def test_a_ramp_made_into_steps_is_told(tmp_path: Path) -> None:
-    folder = tmp_path / "raw"
-    (folder / "sweeps").mkdir(parents=True)
-    thr = np.linspace(20, 80, 3000)
-    force = 1e3 * np.array([lift_N(2.0, t) for t in thr])
-    columns = {"t": np.arange(3000) / RATE, "throttle": thr, "force": force}
-    (folder / "sweeps" / "r0.csv").write_text(text_of(columns))
-    (folder / "records.csv").write_text("record,boundary,distance\nr0,ground,46\n")
-    outcome, _ = run_ingest(
-        folder,
-        tmp_path / "out",
-        campaign(
-            {"tolerance": 5.0, "settle": "0 s"}, load_cell={"tare": "0 s"}, quality={"drift": 0.9}
-        ),
-    )
-    assert any("a ramp has no steps" in note for note in outcome.notes)
-
-
 def test_steps_finer_than_three_codes_are_refused(tmp_path: Path) -> None:
     folder = write(tmp_path / "raw", (2.0,))
     path = folder / "sweeps" / "r0.csv"

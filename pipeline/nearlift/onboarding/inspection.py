@@ -13,12 +13,12 @@ from nearlift import readers
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings, tables
 from nearlift.onboarding.grids import Grid, grid_of
+from nearlift.onboarding.ramp import Ramp, ramp_of
 from nearlift.onboarding.tables import InputTable
 from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.files import GZIP, content_of, head_of
 from nearlift.readers.guarded import Malformed
-from nearlift.readers.ramp import Ramp, ramp_of
 from nearlift.readers.text import CSV, SHEET, TEXT
 from nearlift.reduction.start import RotorStart, start_of, wrap_of
 

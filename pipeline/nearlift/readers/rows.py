@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import hashlib
 import os
@@ -10,7 +9,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +18,22 @@ from numpy.typing import NDArray
 from nearlift import readers
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.rig import RECORD_MARK
-from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.readers import means, ramp, segments
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import means, segments
 from nearlift.readers.base import Reader, Record, malformed
 from nearlift.readers.files import MARK, Piece, source_of
-from nearlift.readers.guarded import Malformed
 from nearlift.readers.segments import CutPiece
+from nearlift.readers.sweep import is_sweep
 from nearlift.reduction import quality
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.reduction.samples import Conditions
 from nearlift.schedule import RECORD_COLUMN, Schedule, read_schedule, schedule_file
 
 #: What a manifest says wrong if all records carry a code.
+_LENGTHS = "; correct tare, settle or sample_rate under [load_cell]"
 MISDESCRIBED = {
-    "NO_DATA": "; correct tare, settle or sample_rate under [load_cell]",
-    "TOO_SHORT": "; correct tare, settle or sample_rate under [load_cell]",
+    "NO_DATA": _LENGTHS,
+    "TOO_SHORT": _LENGTHS,
     "TARE": "; is tare too long, or sample_rate wrong, under [load_cell]?",
     "MIXED": "; is tare too short, or sample_rate wrong, under [load_cell]?",
     "SATURATED": "; correct range under [load_cell], or the unit under [records] force",
@@ -43,9 +42,13 @@ MISDESCRIBED = {
         " and settle for its head"
     ),
 }
-#: A record whose samples scatter by more than this part of its lift may be a sweep; where the
-#: first few are none, no more are looked at.
-SWEEP, FEW_SWEEPS = 0.1, 3
+#: A record whose samples scatter by more than this part of its lift may be a sweep.
+SWEEP = 0.1
+SWEPT = (
+    "the record takes many lifts: a sweep of the throttle, and no one trial; to cut it into trials"
+    f" write {RECORD_MARK} for {MARK} in [records] files, call the schedule's column of ids record,"
+    " and add the [segments] that `nearlift inspect` proposes for the record"
+)
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
 #: A cut file younger than this may be one that an instrument is still writing, ns.
@@ -145,16 +148,14 @@ def _answer(task: Task, record: Record, sha256: str) -> RecordAnswer:
         range_N=cell.range,
     )
     after = task.tare_after_N.get(record.trial, np.nan)
-    reduce = partial(reduce_record, tare_after_N=after)
     # without a sample, or cut into no piece
-    reduced = [Reduced(codes=record.codes or ("NO_DATA",))]
-    samples = [len(record.force_N)]
+    reduced, notes = [Reduced(codes=record.codes or ("NO_DATA",))], record.notes
     if campaign.cuts_records:
         whole = segments.cut(campaign, task.root, record)
-        samples = [len(piece.force_N) for piece in whole.pieces] or [0]
+        notes = whole.record.notes
         uncut = tuple(c for c in record.codes if c != "truncated")
         reduced = [
-            reduce(
+            reduce_record(
                 piece.force_N,
                 replace(
                     conditions,
@@ -162,6 +163,7 @@ def _answer(task: Task, record: Record, sha256: str) -> RecordAnswer:
                     tare_s=campaign.tare_s or len(piece.tare_N) / conditions.rate_Hz,
                 ),
                 time_s=piece.time_s,
+                tare_after_N=after,
                 tare_N=piece.tare_N,
                 codes=record.codes if piece is whole.pieces[-1] else uncut,
                 where=f"{record.source}, piece {piece.number}",
@@ -169,9 +171,21 @@ def _answer(task: Task, record: Record, sha256: str) -> RecordAnswer:
             for piece in whole.pieces
         ] or reduced
     elif not record.fault:
-        where = f"{record.source}, trial {record.trial!r}"
-        codes, time_s = record.codes, record.time_s
-        reduced = [reduce(record.force_N, conditions, time_s=time_s, codes=codes, where=where)]
+        one = reduce_record(
+            record.force_N,
+            conditions,
+            time_s=record.time_s,
+            tare_after_N=after,
+            codes=record.codes,
+            where=f"{record.source}, trial {record.trial!r}",
+        )
+        may_sweep = MARK in campaign.records.pattern and one.sd_N > SWEEP * abs(one.lift_N)
+        if may_sweep and is_sweep(record.force_N[round(campaign.tare_s * conditions.rate_Hz) :]):
+            one, notes = replace(one, codes=(*one.codes, "MIXED")), (*notes, SWEPT)
+        reduced = [one]
+    samples = [len(piece.force_N) for piece in whole.pieces] or [
+        0 if campaign.cuts_records else len(record.force_N)
+    ]
     of_the_file = {"source_sha256": sha256, "source": record.source, "fault": record.fault}
     return RecordAnswer(
         record=record.trial,
@@ -191,7 +205,7 @@ def _answer(task: Task, record: Record, sha256: str) -> RecordAnswer:
             between=whole.cuts.between,
             rest=whole.at_rest,
         ),
-        notes=whole.record.notes,
+        notes=notes,
         refusal=record.refusal,
     )
 
@@ -206,33 +220,28 @@ def digest_of(root: Path, source: str, digests: dict[str, str]) -> str:
 
 # ---- the whole campaign
 
+#: Results of a function over tasks, in order, by as many workers as there are.
+Spread = Callable[[Callable[[Task], Any], Iterable[Task]], Iterator[Any]]
+#: What hears what is being done, and the share that is done.
+Say = Callable[[str, float | None], None]
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recorded:
-    """A campaign as it was recorded.
 
-    Attributes
+def reduced_trials(
+    campaign: Campaign,
+    root: Path,
+    digests: Mapping[str, str],
+    stamps: Mapping[str, tuple[int, int]],
+    spread: Spread,
+    say: Say,
+) -> tuple[Columns, list[tuple[str, str]], list[str]]:
+    """A row for every trial, the rejected ones with the reason, and notes.
+
+    Parameters
     ----------
     digests : mapping of str to str
-        SHA-256 of each raw file, by its path under `root`.
+        SHA-256 of raw files, by their paths under `root`.
     stamps : mapping of str to (int, int)
         Size and time of last change of each file when it was hashed.
-    spread : callable
-        Results of a function over tasks, in order, by as many workers as there are.
-    say : callable
-        Hears what is being done, and the share that is done.
-    """
-
-    root: Path
-    campaign: Campaign
-    digests: Mapping[str, str]
-    stamps: Mapping[str, tuple[int, int]]
-    spread: Callable[[Callable[[Task], Any], Iterable[Task]], Iterator[Any]]
-    say: Callable[[str, float | None], None]
-
-
-def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], list[str]]:
-    """A row for every trial, the rejected ones with the reason, and notes.
 
     Raises
     ------
@@ -242,18 +251,17 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
     # with it come pandas and scipy, which no worker needs
     from nearlift.reduction import judge
 
-    campaign, root = recorded.campaign, recorded.root
     cell, excluded = campaign.load_cell, campaign.quality.exclude
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
-    notes, sweeps = list(schedule.notes), list[str]()
+    notes = list(schedule.notes)
     if reader.contents is None:
         listing = source_of(root, schedule_file(campaign, root))
-        sha256 = digest_of(root, listing, dict(recorded.digests))
+        sha256 = digest_of(root, listing, dict(digests))
         columns = means.columns_of(schedule, listing, sha256)
         codes: list[list[str]] = [[] for _ in schedule.trial]
     else:
-        schedule, rows, more = _from_records(recorded, reader, schedule)
+        schedule, rows, more = _from_records(campaign, root, reader, schedule, digests, spread, say)
         codes = [list(row["codes"]) for row in rows]
         columns = {
             name: np.array([row[name] for row in rows], object if value == "" else None)
@@ -262,19 +270,18 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
         }
         if not campaign.cuts_records:
             del columns["u_zero_N"]
-            sweeps = _mark_sweeps(recorded, reader, schedule, columns, codes)
+        notes += more
         if cell.tare == "none":
-            more.append(
+            notes.append(
                 "the records have no tare: the zero of the force is unknown and wants an"
                 ' [[uncertainty]] on = "force"'
             )
         if 0 < (samples := round(campaign.tare_s * (cell.sample_rate or 0.0))) < FEW_OF_TARE:
-            more.append(
+            notes.append(
                 f"the tares have {samples} samples: too few to show damage of more than one of"
                 f" them ({FEW_OF_TARE} would)"
             )
-        notes += [*more, *sweeps]
-    _mark_pending(recorded, columns["source"].tolist(), codes)
+    _mark_pending(campaign, root, stamps, columns["source"].tolist(), codes)
     owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
     notes += judge.record_codes(columns, codes, owners, campaign)
     table = _table(schedule, columns, codes, owners, campaign)
@@ -287,24 +294,20 @@ def reduced_trials(recorded: Recorded) -> tuple[Columns, list[tuple[str, str]], 
         # as such where the unit of force is at fault
         blank = np.full(len(table["quality"]), "", dtype=object)
         judge.against_weight({**table, "quality": blank}, campaign)
-        raise _all_rejected(recorded, table, sweeps)
+        counts = Counter(c for text in table["quality"] for c in text.split() if c.isupper())
+        reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
+        worst = counts.most_common(1)[0][0]
+        # the fault of the first record says more than the meaning of the code
+        fault = next((f for f in table["fault"] if f), "") if worst == "MALFORMED" else ""
+        meaning = f"{worst}: {fault or quality.CODES[worst]}{MISDESCRIBED.get(worst, '')}"
+        what = f"all {len(table['quality'])} trials are rejected ({reasons})"
+        swept = next((note for note in notes if note.startswith(SWEPT)), meaning)
+        raise InputRefused(str(root), what, swept)
     rejected = [
         (str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i]))
         for i in np.flatnonzero(quality.rejected(table["quality"], quality.EXCLUDED))
     ]
     return table, rejected, notes
-
-
-def _all_rejected(recorded: Recorded, table: Columns, sweeps: list[str]) -> InputRefused:
-    """The refusal of a campaign without a good trial, by its commonest code."""
-    counts = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
-    reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
-    worst = counts.most_common(1)[0][0]
-    # the fault of the first record says more than the meaning of the code
-    fault = next((f for f in table["fault"] if f), "") if worst == "MALFORMED" else ""
-    meaning = f"{worst}: {fault or quality.CODES[worst]}{MISDESCRIBED.get(worst, '')}"
-    what = f"all {len(table['quality'])} trials are rejected ({reasons})"
-    return InputRefused(str(recorded.root), what, *(sweeps or [meaning]))
 
 
 def _table(
@@ -324,14 +327,10 @@ def _table(
     # a whole record may be left out as well
     ids = [*dict.fromkeys([*schedule.trial.tolist(), *owners])]
     for trial in sorted(excluded.keys() - {*ids}):
-        near = difflib.get_close_matches(trial, ids, n=3)
-        raise ManifestError(
-            "quality.exclude",
-            f"no trial of the schedule is called {trial!r}",
-            f"did you mean {', '.join(map(repr, near))}?"
-            if near
-            else f"the schedule's first is {ids[0]!r}",
-        )
+        near = ", ".join(map(repr, difflib.get_close_matches(trial, ids, n=3)))
+        remedy = f"did you mean {near}?" if near else f"the schedule's first is {ids[0]!r}"
+        what = f"no trial of the schedule is called {trial!r}"
+        raise ManifestError("quality.exclude", what, remedy)
     for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
         if (named := trial if trial in excluded else record) in excluded:
             codes[i].append(quality.EXCLUDED)
@@ -348,7 +347,13 @@ def _table(
 
 
 def _from_records(
-    recorded: Recorded, reader: Reader, schedule: Schedule
+    campaign: Campaign,
+    root: Path,
+    reader: Reader,
+    schedule: Schedule,
+    digests: Mapping[str, str],
+    spread: Spread,
+    say: Say,
 ) -> tuple[Schedule, list[Row], list[str]]:
     """The schedule of all trials (of pieces, where records are cut), their rows, and notes.
 
@@ -358,44 +363,37 @@ def _from_records(
         No trial has a record, or most records are refused, by the first refusal: one record is
         damaged, most of them are misdescribed.
     """
-    root, campaign, ids = recorded.root, recorded.campaign, schedule.trial.tolist()
-    noun = "records" if campaign.cuts_records else "trials"
+    ids, noun = schedule.trial.tolist(), "records" if campaign.cuts_records else "trials"
     reader = segments.cutting(reader) if campaign.cuts_records else reader
     pieces, notes = reader.plan(campaign, root, ids)
     count = sum(len(piece.trials) for piece in pieces)
     if not count:
-        raise InputRefused(
-            str(root / (campaign.records.files or "")),
-            f"none of the {len(ids)} {noun} has a record",
-            f"the first would be that of {ids[0]!r}; check [records] files",
-        )
-    digests, tares = dict(recorded.digests), schedule.covariates.get("tare_after_N")
+        where, what = root / (campaign.records.files or ""), f"none of the {len(ids)} {noun} has"
+        remedy = f"the first would be that of {ids[0]!r}; check [records] files"
+        raise InputRefused(str(where), f"{what} a record", remedy)
+    known, tares = dict(digests), schedule.covariates.get("tare_after_N")
     after = {} if tares is None else dict(zip(ids, tares, strict=True))
     # a file that many trials share is hashed once, here, and not by every worker
     for path in {p.paths[0] for p in pieces if len(p.trials) > len({*p.paths})}:
-        digest_of(root, source_of(root, path), digests)
+        digest_of(root, source_of(root, path), known)
     tasks = (
         Task(
             root=root,
             campaign=campaign,
             piece=piece,
             tare_after_N={trial: after[trial] for trial in piece.trials if trial in after},
-            digests={
-                name: digests[name]
-                for name in (source_of(root, path) for path in piece.paths)
-                if name in digests
-            },
+            digests={s: known[s] for p in piece.paths if (s := source_of(root, p)) in known},
         )
         for piece in pieces
     )
     answers: dict[str, RecordAnswer] = {}
     refusals: list[InputRefused] = []
-    for done in recorded.spread(reduce_piece, tasks):
+    for done in spread(reduce_piece, tasks):
         answers |= {answer.record: answer for answer in done}
         refusals += [answer.refusal for answer in done if answer.refusal]
         if 2 * len(refusals) > count:
             raise refusals[0]
-        recorded.say(f"ingest {len(answers)} of {count} {noun}", len(answers) / count)
+        say(f"ingest {len(answers)} of {count} {noun}", len(answers) / count)
     if campaign.cuts_records:
         cut = {record: answer.pieces for record, answer in answers.items()}
         schedule = segments.schedule_of_trials(campaign, root, cut)
@@ -405,10 +403,10 @@ def _from_records(
     for answer in (answers[i] for i in ids if i in answers):
         for note in answer.notes:
             places.setdefault(note, []).append(answer.rows[0]["source"])
-    notes += [
-        note if len(sources) == 1 else f"{note} ({len(sources)} records, such as {sources[0]})"
-        for note, sources in places.items()
-    ]
+    for note, sources in places.items():
+        more = f"{len(sources)} records, such as " if len(sources) > 1 else ""
+        about = more or note == SWEPT
+        notes.append(f"{note} ({more}{sources[0]})" if about else note)
     rows = [row for i in ids for row in (answers[i].rows if i in answers else (MISSING,))]
     return schedule, rows, notes
 
@@ -426,63 +424,30 @@ def _remarks_on_cuts(answers: Sequence[RecordAnswer]) -> list[str]:
     return [f"{kept}; {settling}, {short}, {total['rest']} pieces are at rest"]
 
 
-def _mark_sweeps(
-    recorded: Recorded,
-    reader: Reader,
-    schedule: Schedule,
-    columns: Columns,
+def _mark_pending(
+    campaign: Campaign,
+    root: Path,
+    stamps: Mapping[str, tuple[int, int]],
+    sources: Sequence[str],
     codes: list[list[str]],
-) -> list[str]:
-    """Remark on records that sweep the throttle but are given as one trial each, with the lines
-    that would cut them. Their codes become MIXED.
-    """
-    campaign, root = recorded.campaign, recorded.root
-    wide = columns["sd_N"] > SWEEP * np.abs(columns["lift_N"])
-    place = {str(schedule.trial[i]): i for i in np.flatnonzero(wide).tolist()}
-    if MARK not in campaign.records.pattern or not place:
-        return []
-    sweeps: dict[str, ramp.Ramp] = {}
-    for k, (trial, (path, _)) in enumerate(reader.places(campaign, root, [*place]).items()):
-        if k == FEW_SWEEPS and not sweeps:
-            break
-        with contextlib.suppress(NearliftError, Malformed):
-            swept = ramp.of_file(campaign, reader, trial, path)
-            sweeps |= {} if swept is None else {trial: swept}
-    if not sweeps:
-        return []
-    for i in (place[trial] for trial in sweeps):
-        codes[i].append("MIXED")
-    trial, first = next(iter(sweeps.items()))
-    more = f" (and {len(sweeps) - 1} more like it)" if len(sweeps) > 1 else ""
-    remark = (
-        f"the record of {trial}{more} {first.words}; to cut it into trials write {RECORD_MARK} for"
-        f" {MARK} in [records] files, call the column of ids in {campaign.trials.file} record,"
-        f" and add\n{first.segments}`nearlift inspect --cuts CAMPAIGN` then draws where it is cut"
-    )
-    return [remark]
-
-
-def _mark_pending(recorded: Recorded, sources: Sequence[str], codes: list[list[str]]) -> None:
+) -> None:
     """Mark the trials of files that were still being written PENDING; refuse what many trials rest
     on where it was changed while it was read.
     """
     owners: dict[str, list[int]] = {}
     for i, source in enumerate(sources):
         owners.setdefault(source, []).append(i)
-    now, folder = time.time_ns(), recorded.root.as_posix()
-    for name, stamp in recorded.stamps.items():
+    now, folder = time.time_ns(), root.as_posix()
+    for name, stamp in stamps.items():
         mine = owners.get(name, [])
         try:
             status = os.stat(f"{folder}/{name}")  # noqa: PTH116 - paths made one by one take longer
         except OSError:
             status = None
         if status is None or (status.st_size, status.st_mtime_ns) != stamp:
-            if len(mine) != 1 and not (mine and recorded.campaign.cuts_records):
-                raise InputRefused(
-                    str(recorded.root / name),
-                    "was changed while it was being read",
-                    "run again when it is complete",
-                )
+            if len(mine) != 1 and not (mine and campaign.cuts_records):
+                what, remedy = "was changed while it was being read", "run again when it is"
+                raise InputRefused(str(root / name), what, f"{remedy} complete")
         elif abs(now - status.st_mtime_ns) < WRITING_NS:
             # so young that it may still grow
             mine = [i for i in mine if not {"truncated", "MALFORMED"}.isdisjoint(codes[i])]

@@ -42,8 +42,6 @@ from nearlift.schedule import (
 
 #: Share of the cut samples that kept pieces and their settling must be.
 MIN_YIELD = 0.25
-#: Part of `hold` that a level may move through from end to end: most pieces of a ramp exceed it.
-SLOPING = 0.6
 REPEATED = (
     "samples that repeat the one before, stamp and force, were counted once: the cell is slower"
     " than the rows"
@@ -96,9 +94,7 @@ class Segmented:
 
 
 def cutting(reader: Reader) -> Reader:
-    """The reader of all channels of a record; `ManifestError` where there is none, so that nothing
-    is known of a record's other columns.
-    """
+    """The reader of all channels of a record; `ManifestError` where there is none."""
     if reader.name == "csv":
         return TEXT
     if reader.contents is None or reader.name == "parquet":
@@ -122,12 +118,12 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
     """The pieces of a record that was read with all channels of its file; raises as `read`."""
     if whole.contents is None or not len(whole.force_N):
         return Segmented(record=whole)
-    section, rate = campaign.segments, campaign.load_cell.sample_rate
+    section, rate, n = campaign.segments, campaign.load_cell.sample_rate, len(whole.force_N)
     # by the manifest's own check
     assert section is not None
     assert rate is not None
     channels, path = whole.contents.channels, root / whole.source
-    head = min(round(campaign.tare_s * rate), len(whole.force_N))
+    head = min(round(campaign.tare_s * rate), n)
     values, edges = _edges(campaign, section, whole, path, head, rate)
     settle, shortest, length = (
         round(t * rate) for t in (section.settle, section.shortest, section.length or 0.0)
@@ -147,14 +143,13 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
         zeros = [p for p in spans.pieces if level[p] <= lowest + section.tolerance]
     known = {id(pick(channels, name, "", "")) for name in names_of(campaign, whole.trial)}
     known |= {id(channel) for channel, _, _ in bring.values()}
-    further = [c for c in channels if id(c) not in known and len(c.values) == len(whole.force_N)]
-    time_s, kept, notes = whole.time_s, np.ones(len(whole.force_N), dtype=bool), [*whole.notes]
+    further = [c for c in channels if id(c) not in known and len(c.values) == n]
+    time_s, kept, notes = whole.time_s, np.ones(n, dtype=bool), whole.notes
     if time_s is not None:
         kept[1:] = (np.diff(time_s) != 0) | (np.diff(whole.force_N) != 0)
         if not kept.all():
             # what is left of a slower clock has no steady step, and shows no gaps
-            time_s = None
-            notes.append(REPEATED)
+            time_s, notes = None, (*notes, REPEATED)
     trials: list[CutPiece] = []
     for piece in spans.pieces:
         span = slice(piece.start, piece.end)
@@ -182,20 +177,8 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
                 tare_N=_zero(whole.force_N, zeros, piece, head),
             )
         )
-    parts = [np.array_split(values[p.first : p.end], 4) for p in spans.pieces]
-    moved = [abs(float(p[-1].mean() - p[0].mean())) > SLOPING * section.tolerance for p in parts]
-    if section.tolerance and 2 * sum(moved) > len(moved):
-        notes.append(
-            f"the level {section.column!r} moves through most of tolerance ="
-            f" {section.tolerance:g} within most pieces: a ramp has no steps, and tolerance makes"
-            " some of it"
-        )
-    return Segmented(
-        record=replace(whole, notes=tuple(notes)),
-        cuts=spans,
-        pieces=tuple(trials),
-        at_rest=len(spans.pieces) - len(trials),
-    )
+    at_rest, record = len(spans.pieces) - len(trials), replace(whole, notes=notes)
+    return Segmented(record=record, cuts=spans, pieces=tuple(trials), at_rest=at_rest)
 
 
 # ---- where it is cut
@@ -247,25 +230,19 @@ def _require_yield(
         return
     longest = max((b - a for a, b in edges), default=0)
     if longest < FEWEST_SAMPLES:
-        raise InputRefused(
-            where,
-            f"no level holds for more than {longest} sample{'s' * (longest != 1)}: it is a ramp, or"
-            " each row is a mean already",
-            'means belong in the schedule (reader = "means"); a ramp is cut by windows, or by a'
-            " larger tolerance under [segments]",
-        )
+        samples = f"{longest} sample{'s' * (longest != 1)}"
+        what = f"no level holds for more than {samples}: it is a ramp, or each row is a mean"
+        remedy = 'means belong in the schedule (reader = "means"); a ramp is cut by windows'
+        raise InputRefused(where, f"{what} already", f"{remedy}, or by a larger tolerance")
     enough, less = cuts.longest_shortest(edges, settle), settle
     while enough < FEWEST_SAMPLES and less:
         less //= 2
         enough = cuts.longest_shortest(edges, less)
     other = f' and settle = "{less / rate_Hz:.3g} s"' if less < settle else ""
-    raise InputRefused(
-        where,
-        f"{spans.short} of {len(spans.pieces) + spans.short} pieces are too short, with"
-        f" {100 * (1 - kept / max(whole, 1)):.0f} % of the samples",
-        f'shortest = "{int(1000 * enough / rate_Hz) / 1000:g} s"{other} under [segments] would'
-        " keep half of them",
-    )
+    lost, pieces = 100 * (1 - kept / max(whole, 1)), len(spans.pieces) + spans.short
+    what = f"{spans.short} of {pieces} pieces are too short, with {lost:.0f} % of the samples"
+    shortest = f'shortest = "{int(1000 * enough / rate_Hz) / 1000:g} s"{other}'
+    raise InputRefused(where, what, f"{shortest} under [segments] would keep half of them")
 
 
 # ---- the content of a piece

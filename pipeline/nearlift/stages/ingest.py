@@ -102,18 +102,13 @@ def run(job: Job) -> Outcome:
         The schedule or the records are refused, no trial has a record, or none is good. Nothing is
         written then.
     """
-    from nearlift.readers.rows import Recorded, reduced_trials
+    from nearlift.readers.rows import reduced_trials
     from nearlift.run.workers import ordered
 
-    recorded = Recorded(
-        root=job.root,
-        campaign=job.campaign,
-        digests=job.inputs,
-        stamps=job.stamps,
-        spread=partial(ordered, job.executor),
-        say=job.say,
+    spread = partial(ordered, job.executor)
+    table, rejected, notes = reduced_trials(
+        job.campaign, job.root, job.inputs, job.stamps, spread, job.say
     )
-    table, rejected, notes = reduced_trials(recorded)
     job.write(TRIALS, table)
     return Outcome(rejected=tuple(rejected), notes=tuple(notes))
 

@@ -1,38 +1,26 @@
-"""A record of many throttles given as one trial, and the lines of a manifest that would cut it."""
+"""Lines of a manifest that cut a record of many throttles into trials, tried on the record."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
-from nearlift.readers.base import AS_FORCE, Channel, Reader, fold, names_of, pick, split_unit
-from nearlift.readers.segments import cutting
+from nearlift.readers.base import AS_FORCE, Channel, fold, split_unit
+from nearlift.readers.sweep import AT_REST, is_sweep, levels_of
 from nearlift.reduction import cuts
-from nearlift.reduction.samples import LARGEST_N
-from nearlift.reduction.stretch import SD_PER_MAD
 
-#: Stretches whose levels show how the force moves. Below this part of the largest the rotors are at
-#: rest. The rest of the record moves by more than such a ratio, and more than so many times the
-#: stretches' noise, if it is no one lift.
-STRETCHES, AT_REST, MOVES, ABOVE_NOISE = 200, 0.05, 1.3, 10.0
-#: Samples of a record that is judged.
-FEWEST = 100
 #: A command follows the force so closely, by ranks; one that is called a command, too, where lift
 #: falls before the end of it.
 FOLLOWS = {False: 0.95, True: 0.7}
-#: Levels that hold for this long, in samples, and so many of them, are steps.
-HOLD, FEWEST_LEVELS = FEWEST_SAMPLES, 3
 #: Levels of a staircase last so long, s, or so many samples where the rate is not known; shorter
-#: ones are a ramp. Of the levels such a share must be left once cut.
-LASTS_S, LASTS, LEFT = 0.4, 40, 0.5
+#: ones are a ramp. It has so many levels, of which such a share must be left once cut.
+LASTS_S, LASTS, FEWEST_LEVELS, LEFT = 0.4, 40, 3, 0.5
 #: Words in the names of commands, and of the force's own readings, which follow it as well.
 COMMANDS = {"esc", "throttle", "thr", "pwm", "command", "cmd", "signal", "duty"}
 READINGS = {"raw", "adc", "count", "counts", "thrust", "force", "load", "cell", "weight", "lift"}
@@ -46,91 +34,36 @@ CHANGE = 0.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ramp:
-    """A record of many throttles: `levels` that hold (0: a ramp), [segments] to cut it, as text."""
+    """A record of many throttles in `words`, and the text of [segments] that cuts it."""
 
-    levels: int = 0
-    command: str = ""
+    words: str
     segments: str
-
-    @property
-    def words(self) -> str:
-        """The sweep, in words."""
-        along = f", along {self.command!r}" if self.command else ""
-        held = f", which has {self.levels} levels that hold" if self.levels else ""
-        return f"takes many lifts{along}{held}: a sweep of the throttle, and no one trial"
-
-
-def moves(force: FloatArray) -> bool:
-    """Whether a record's force (n,), rest aside, takes lifts far apart.
-
-    The reading at rest may be any: a zero that is not tared and one lift are one trial.
-    """
-    means = _levels(force[np.isfinite(force)])
-    if len(force) < FEWEST or not len(means):
-        return False
-    for size in (means, means - means[0]):
-        size = size if abs(size.max()) >= abs(size.min()) else -size
-        # neighbours differ by noise, or by steps, which are few
-        noise = SD_PER_MAD * float(np.median(np.abs(np.diff(size)))) / np.sqrt(2)
-        run = size[size > AT_REST * np.quantile(size, 0.95)]
-        if len(run) < 10 or size.max() <= 0:
-            return False
-        low, high = np.quantile(run, [0.1, 0.9])
-        if not (high > MOVES * low and high - low > ABOVE_NOISE * noise):
-            return False
-    return True
-
-
-def _levels(values: FloatArray) -> FloatArray:
-    """Medians of short stretches, which single impossible readings do not move."""
-    parts = np.array_split(values, min(STRETCHES, len(values))) if len(values) else []
-    return np.array([float(np.median(p)) for p in parts])
-
-
-def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp | None:
-    """The sweep in the record of one trial, if any.
-
-    `NearliftError` where it cannot be read, or its reader knows nothing of a record's other
-    columns.
-    """
-    reader, rate = cutting(reader), campaign.load_cell.sample_rate
-    contents = reader.open(path, reader.checked_dialect(campaign.records.dialect))
-    column, *clocks = names_of(campaign, trial)
-    force = pick(contents.channels, column, "records.force.column", str(path))
-    head = round(campaign.tare_s * (rate or 0.0))
-    channels = [
-        replace(c, values=c.values[head:])
-        for c in contents.channels
-        if len(c.values) == len(force.values)
-    ]
-    return ramp_of(replace(force, values=force.values[head:]), channels, clocks, rate)
 
 
 def ramp_of(
     force: Channel, channels: Sequence[Channel], clocks: Sequence[str], rate_Hz: float | None
 ) -> Ramp | None:
-    """The sweep in a record that `moves`, at a rate that need not be known; None of any other.
+    """The ramp in a record that is a sweep, at a rate that need not be known; None of any other.
 
     Of the file's channels, one that follows the force and is none of the `clocks` may be the
     command.
     """
-    largest = float(np.nanmax(np.abs(force.values), initial=0.0))
-    if largest > LARGEST_N or not moves(force.values):
+    if not is_sweep(force.values):
         return None
-    if not np.isfinite(_levels(force.values)).all():
-        return None
+    said, end = "takes many lifts", ": a sweep of the throttle, and no one trial"
     command = _command(force, [c for c in channels if c.name not in clocks])
     if command is None:
-        return Ramp(segments=_without_command(force, rate_Hz))
-    meaning = _meaning(command)
-    name = json.dumps(command.name, ensure_ascii=False)
-    levels = [(a, b) for a, b in cuts.by_level(command.values) if b - a >= HOLD]
+        return Ramp(words=f"{said}{end}", segments=_without_command(force, rate_Hz))
+    name, meaning = json.dumps(command.name, ensure_ascii=False), _meaning(command)
+    said = f"{said}, along {command.name!r}"
+    levels = [(a, b) for a, b in cuts.by_level(command.values) if b - a >= FEWEST_SAMPLES]
     times = _times(levels, len(force.values), rate_Hz)
     if times is None:
         throttle = f"{{ column = {name}, {', '.join(meaning)} }}"
-        return Ramp(command=command.name, segments=_in_windows(force.values, rate_Hz, throttle))
+        windows = _in_windows(force.values, rate_Hz, throttle)
+        return Ramp(words=f"{said}{end}", segments=windows)
     lines = "\n".join(["[segments]", f"column = {name}", *meaning, *times, ""])
-    return Ramp(levels=len(levels), command=command.name, segments=lines)
+    return Ramp(words=f"{said}, which has {len(levels)} levels that hold{end}", segments=lines)
 
 
 def _times(levels: Sequence[cuts.Cut], samples: int, rate_Hz: float | None) -> list[str] | None:
@@ -160,7 +93,7 @@ def _times(levels: Sequence[cuts.Cut], samples: int, rate_Hz: float | None) -> l
 def _without_command(force: Channel, rate_Hz: float | None) -> str:
     """Cuts at changes of the force; or, where they leave fewer than two pieces, in windows."""
     throttle = '{ column = "FILL IN", unit = "percent" }'
-    step = float(f"{0.05 * float(np.abs(_levels(force.values)).max()):.2g}")
+    step = float(f"{0.05 * float(np.abs(levels_of(force.values)).max()):.2g}")
     if rate_Hz:
         shortest = max(round(2 * SHORTEST_S * rate_Hz), FEWEST_SAMPLES)
         edges = cuts.by_change(force.values, step, shortest)
@@ -181,7 +114,7 @@ def _in_windows(force: FloatArray, rate_Hz: float | None, throttle: str) -> str:
     """Cuts of a ramp into windows within which lift changes little, with a curve for its levels."""
     window = SHORTEST_S
     if rate_Hz:
-        means = np.abs(_levels(force))
+        means = np.abs(levels_of(force))
         run = means > AT_REST * means.max()
         moved = np.abs(np.diff(means))[run[1:] & run[:-1]] / means[1:][run[1:] & run[:-1]]
         stretch = len(force) / len(means) / rate_Hz
@@ -205,13 +138,13 @@ def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
     """The column that the force follows: one that is called a command before others."""
     from scipy.stats import rankdata
 
-    ranked, commands = rankdata(np.abs(_levels(force.values))), []
+    ranked, commands = rankdata(np.abs(levels_of(force.values))), []
     for c in channels:
         words = set(re.findall(r"[^\W\d_]+", fold(c.name)))
         said, n = bool(words & COMMANDS), len(c.values)
         if c.name == force.name or n != len(force.values) or (words & READINGS and not said):
             continue
-        means = _levels(c.values)
+        means = levels_of(c.values)
         if not np.isfinite(means).all() or np.ptp(means) == 0:
             continue
         together = float(np.corrcoef(ranked, rankdata(means))[0, 1])

@@ -1,4 +1,4 @@
-"""A sweep of the throttle that is given as one trial: told as such, with lines that cut it."""
+"""A sweep of the throttle that is given as one trial is found, with lines that cut it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.unit import small_run, sweeps
 from tests.unit.small_run import nearlift
 
 from nearlift.onboarding.inspection import inspect
-from nearlift.readers.ramp import moves
+from nearlift.readers.sweep import is_sweep
 from nearlift.stages.ingest import TRIALS
 
 
@@ -65,19 +65,19 @@ throttle = "percent"
 
 def test_what_moves_and_what_does_not() -> None:
     rng = np.random.default_rng(1)
-    assert moves(sweeps.sweep(2.0, rng)["force"])
-    assert moves(ramp(2.0, rng)["force"])
-    assert moves(-ramp(2.0, rng)["force"])
+    assert is_sweep(sweeps.sweep(2.0, rng)["force"])
+    assert is_sweep(ramp(2.0, rng)["force"])
+    assert is_sweep(-ramp(2.0, rng)["force"])
     for _ in range(20):
-        assert not moves(held(rng)["force"])
-        assert not moves(rng.normal(0, 1, 2000))
+        assert not is_sweep(held(rng)["force"])
+        assert not is_sweep(rng.normal(0, 1, 2000))
     # a battery that sags by a tenth, a step by a fifth
     n = np.arange(2000)
-    assert not moves(1 - 0.1 * n / 2000 + rng.normal(0, 0.01, 2000))
-    assert not moves(np.where(n < 900, 1.0, 1.2) + rng.normal(0, 0.01, 2000))
+    assert not is_sweep(1 - 0.1 * n / 2000 + rng.normal(0, 0.01, 2000))
+    assert not is_sweep(np.where(n < 900, 1.0, 1.2) + rng.normal(0, 0.01, 2000))
     # three levels, a factor of 1.2 apart in all, and of 1.4
     for step, sweeps_them in ((0.1, False), (0.2, True)):
-        assert moves(1 + step * (n // 700) + rng.normal(0, 0.01, 2000)) == sweeps_them
+        assert is_sweep(1 + step * (n // 700) + rng.normal(0, 0.01, 2000)) == sweeps_them
 
 
 @pytest.mark.parametrize("name", ["steps", "ramp"])
@@ -144,24 +144,20 @@ def test_a_sweep_whose_command_was_not_logged_is_cut_by_plateaus(tmp_path: Path)
 # ---- at ingest
 
 
-def test_ingest_tells_sweeps_among_trials(tmp_path: Path) -> None:
+def test_ingest_rejects_sweeps_and_says_how_to_cut_them(tmp_path: Path) -> None:
     rng = np.random.default_rng(6)
     records = {f"t{k}": held(rng, 0.3 + 0.01 * k) for k in range(4)}
-    root = campaign(tmp_path / "raw", {**records, "s1": sweeps.sweep(2.0, rng)})
-    answer = nearlift("ingest", root, "--out", tmp_path)
-    assert "the record of s1 takes many lifts, along 'throttle'" in answer.stderr
-    assert "MIXED" in answer.stderr
-    assert "call the column of ids in trials.csv record" in answer.stderr
-    assert 'column = "throttle"' in answer.stderr
-
-
-def test_a_campaign_of_sweeps_is_refused_with_the_lines_that_cut_it(tmp_path: Path) -> None:
-    rng = np.random.default_rng(7)
-    root = campaign(tmp_path / "raw", {f"s{k}": sweeps.sweep(1 + k, rng) for k in range(3)})
-    answer = nearlift("ingest", root, "--out", tmp_path)
+    root = campaign(tmp_path / "a" / "raw", {**records, "s1": sweeps.sweep(2.0, rng)})
+    answer = nearlift("ingest", root, "--out", tmp_path / "a")
+    assert answer.exit_code == 3
+    assert "s1: MIXED" in answer.stderr
+    assert "call the schedule's column of ids record" in answer.stderr
+    assert "proposes for the record (runs/s1.csv)" in answer.stderr
+    root = campaign(tmp_path / "b" / "raw", {f"s{k}": sweeps.sweep(1 + k, rng) for k in range(3)})
+    answer = nearlift("ingest", root, "--out", tmp_path / "b")
     assert answer.exit_code == 4
-    assert "the record of s0 (and 2 more like it) takes many lifts" in answer.stderr
-    assert "[segments]\ncolumn = " in answer.stderr
+    assert "the record takes many lifts" in answer.stderr
+    assert "(3 records, such as runs/s0.csv)" in answer.stderr
 
 
 @pytest.mark.parametrize("zero", [-0.3, -0.05, 0.0, 0.05, 0.3])
@@ -169,8 +165,8 @@ def test_a_zero_that_is_not_tared_makes_no_sweep_of_one_lift(zero: float) -> Non
     rng = np.random.default_rng(3)
     one = np.repeat([0.0, 0.25], [1000, 2000]) + zero + rng.normal(0, 1.5e-3, 3000)
     three = np.repeat([0.0, 0.1, 0.2, 0.4], 750) + zero + rng.normal(0, 1.5e-3, 3000)
-    assert not moves(one)
-    assert moves(three)
+    assert not is_sweep(one)
+    assert is_sweep(three)
 
 
 # ---- from ramps to a coefficient
@@ -180,7 +176,7 @@ def test_error_codes_of_a_converter_make_no_sweep_of_one_lift() -> None:
     rng = np.random.default_rng(4)
     counts = held(rng)["force"]
     counts[rng.random(len(counts)) < 0.03] = 2**23 - 1
-    assert not moves(counts)
+    assert not is_sweep(counts)
 
 
 def test_ramps_cut_as_proposed_give_the_coefficient(tmp_path: Path) -> None:
