@@ -12,13 +12,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from tests.calibration import forms, oracle
 from tests.calibration.kinds import KINDS, draw
+from tests.calibration.programs import Row
 from tests.calibration.simulator import Campaign, base_jacobian, candidate_columns
 
 if TYPE_CHECKING:
     from tests.calibration.peers import Task
 
 SAME = 0.99  # a wrong effect whose column is so parallel to the true one is its equal on that bench
-Row = dict[str, Any]
 Diagnose = Callable[[Campaign], dict[str, Any]]
 
 

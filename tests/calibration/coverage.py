@@ -4,25 +4,25 @@ The independent simulator makes every campaign record by record. Two kinds: *sta
 per session and per throttle, an offset of every distance and a load cell that bends, all stated in
 the manifest; *few visits*, whose trials share an unstated gain of 0.5 %.
 
-    nice python -m tests.calibration.coverage --n 250 --few 48     writes docs/coverage.md
+    nice python -m tests.calibration.coverage --count 250          tables of docs/coverage.md
+    nice python -m tests.calibration.coverage --few --count 48     its last table
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
+from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import lmfit
 import numpy as np
 import pandas as pd
-from scipy.stats import binom, norm, t
-from tests.calibration import forms, spread
+from scipy.stats import binom, t
+from tests.calibration import forms, programs
 from tests.calibration.figures import clopper_pearson, table, write
+from tests.calibration.programs import Row
 from tests.calibration.simulator import Shared, Spec, simulate
 from tests.unit.manifests import CRAZYFLIE, RIG
 
@@ -40,7 +40,7 @@ SESSION_GAIN, THROTTLE_GAIN, VISIT_GAIN, CELL_GF = 0.003, 0.003, 0.005, 1.5
 GRAVITY = 9.8
 #: Seeds of reported figures; any others are for trials.
 REPORTED = 800_000
-JOB, GROUP = ["design", "boundary", "seed"], ["design", "boundary", "name"]
+JOB, GROUP = ("design", "boundary", "seed"), ["design", "boundary", "name"]
 
 Ends = dict[str, float]
 """value, u, and lo and hi at each of `LEVELS`."""
@@ -93,7 +93,7 @@ def interval(value: float, u: float, dof: float = np.inf) -> Ends:
     """A two-sided interval at each level, by Student's t."""
     ends = {"value": value, "u": u}
     for level in LEVELS:
-        half = (t(dof) if np.isfinite(dof) else norm()).ppf(0.5 + level / 200) * u
+        half = t(dof).ppf(0.5 + level / 200) * u
         ends |= {f"lo{level}": value - half, f"hi{level}": value + half}
     return ends
 
@@ -118,24 +118,23 @@ def with_lmfit(data: Observations) -> dict[str, Ends]:
     """lmfit as it is commonly used: Delta L per cell over the farthest station, independent
     errors, normal quantiles.
     """
-    nominal = forms.COEFFICIENTS[data.boundary]
     cells = pd.DataFrame({"z": data.z_hat, "throttle": data.throttle, "lift": data.lift_N})
     mean = cells.groupby(["throttle", "z"])["lift"].mean()
     far = mean.xs(data.z_hat.max(), level="z")
     delta = (mean / far - 1).drop(index=data.z_hat.max(), level="z")
+    z = delta.index.get_level_values("z").to_numpy()
 
     def residual(p: lmfit.Parameters) -> np.ndarray:
-        z = delta.index.get_level_values("z").to_numpy()
         return forms.ratio(data.boundary, z, p.valuesdict()) - 1 - delta.to_numpy()
 
-    parameters = lmfit.create_params(**nominal)
-    for name in set(nominal) - {"K_b"}:
+    parameters = lmfit.create_params(**forms.COEFFICIENTS[data.boundary])
+    for name in set(parameters) - {"K_b"}:
         parameters[name].min = 1e-6
     result = lmfit.minimize(residual, parameters)
     return {name: interval(p.value, p.stderr or np.nan) for name, p in result.params.items()}
 
 
-def campaign(job: tuple[str, str, int]) -> list[dict[str, Any]]:
+def campaign(job: tuple[str, str, int]) -> list[Row]:
     """One campaign from records to intervals: a row for each coefficient and way."""
     design, boundary, seed = job
     made = simulate(spec(boundary, design), seed)
@@ -156,22 +155,12 @@ def campaign(job: tuple[str, str, int]) -> list[dict[str, Any]]:
 
 
 def run(
-    executor: Executor, n: int, first: int, designs: tuple[str, ...], rows: Path | None = None
+    executor: Executor, seeds: range, designs: Iterable[str], out: Path | None = None
 ) -> pd.DataFrame:
-    """`n` campaigns of every design and boundary, seeds from `first` on; those in the file `rows`
-    are not run again.
-    """
-    done = pd.read_json(rows, lines=True) if rows and rows.is_file() else pd.DataFrame(columns=JOB)
-    ran = {*done[JOB].itertuples(index=False, name=None)}
-    jobs = [(d, b, first + i) for i in range(n) for d in designs for b in forms.BOUNDARIES]
-    every = [done] if len(done) else []
-    for made in spread.unordered(executor, campaign, [job for job in jobs if job not in ran]):
-        every.append(pd.DataFrame(made))
-        if rows:
-            with rows.open("a", encoding="utf-8") as file:
-                file.write(every[-1].to_json(orient="records", lines=True))
-    data = pd.concat(every, ignore_index=True)
-    return data[data["design"].isin(designs) & data["seed"].between(first, first + n - 1)]
+    """Rows of a campaign of every seed, design and boundary."""
+    jobs = [(d, b, seed) for seed in seeds for d in designs for b in forms.BOUNDARIES]
+    data = pd.DataFrame(programs.collect(executor, campaign, jobs, JOB, out))
+    return data[data["design"].isin(list(designs)) & data["seed"].isin(seeds)]
 
 
 def holds(rows: pd.DataFrame, level: int) -> pd.Series:
@@ -215,33 +204,34 @@ def _errors(rows: pd.DataFrame) -> tuple[float, float, pd.Series]:
     return float(rows["u"].median()), float(np.sqrt((error**2).mean())), error / rows["u"]
 
 
+def _grouped(rows: pd.DataFrame, keys: list[str]) -> Iterable[tuple[str, str, dict]]:
+    """Design, coefficient and the rows of each way."""
+    for (*design, boundary, name), group in rows.groupby(keys, sort=False):
+        yield "".join(design), f"{boundary}, {name.rstrip('_')}", dict(iter(group.groupby("way")))
+
+
 def share_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Shares of stated campaigns that hold the truth."""
-    lines = []
-    for (boundary, name), group in rows.groupby(GROUP[1:], sort=False):
-        way = dict(iter(group.groupby("way")))
-        ours = way["nearlift"]
-        lines += [
-            {"coefficient": f"{boundary}, {name.rstrip('_')}", "level": f"{level} %"}
-            | {d: _share(ours[ours["design"] == d], level) for d in DATUMS}
-            | {"both": f"**{_share(ours, level)}**"}
-            | {"shared ignored": _share(way["ignored"], level, limits=False)}
-            | {"lmfit": _share(way["lmfit"], level, limits=False)}
-            for level in LEVELS
-        ]
-    return pd.DataFrame(lines)
+    return pd.DataFrame(
+        {"coefficient": name, "level": f"{level} %"}
+        | {d: _share(way["nearlift"].query("design == @d"), level) for d in DATUMS}
+        | {"both": f"**{_share(way['nearlift'], level)}**"}
+        | {"shared ignored": _share(way["ignored"], level, limits=False)}
+        | {"lmfit": _share(way["lmfit"], level, limits=False)}
+        for _, name, way in _grouped(rows, GROUP[1:])
+        for level in LEVELS
+    )
 
 
 def error_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Errors of stated campaigns, stated and actual."""
     lines = []
-    for (design, boundary, name), group in rows.groupby(GROUP, sort=False):
-        way = dict(iter(group.groupby("way")))
+    for design, name, way in _grouped(rows, GROUP):
         stated, actual, pull = _errors(way["nearlift"])
         theirs = _errors(way["lmfit"])
         lines.append(
             {
-                "coefficient": f"{boundary}, {name.rstrip('_')}",
+                "coefficient": name,
                 "datum": design,
                 "nearlift: stated, actual": f"{stated:.2g}, {actual:.2g}",
                 "pull: mean, sd": f"{pull.mean():+.2f}, {pull.std():.2f}",
@@ -254,80 +244,32 @@ def error_table(rows: pd.DataFrame) -> pd.DataFrame:
 def few_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Shares of few visits that hold the truth, stated over actual error, and the width."""
     lines = []
-    for (design, boundary, name), group in rows.groupby(GROUP, sort=False):
-        way = dict(iter(group.groupby("way")))
+    for design, name, way in _grouped(rows, GROUP):
         ours = way["nearlift"]
         stated, actual, _ = _errors(ours)
         half = float((ours["hi90"] - ours["lo90"]).median()) / 2 / 1.645
         lines.append(
-            {
-                "distances x visits": design,
-                "coefficient": f"{boundary}, {name.rstrip('_')}",
-                **{f"{level} %": _share(ours, level, limits=level == 90) for level in LEVELS},
-                "90 %, visit scatter left out": _share(way["ignored"], 90, limits=False),
-                "stated / actual": f"{stated / actual:.2f}",
-                "half-width of 90 % / 1.645 actual": f"{half / actual:.2f}",
-            }
+            {"distances x visits": design, "coefficient": name}
+            | {f"{level} %": _share(ours, level, limits=level == 90) for level in LEVELS}
+            | {"90 %, visit scatter left out": _share(way["ignored"], 90, limits=False)}
+            | {"stated / actual": f"{stated / actual:.2f}"}
+            | {"half-width of 90 % / 1.645 actual": f"{half / actual:.2f}"}
         )
     return pd.DataFrame(lines)
 
 
-STATED = """## Stated shared errors
-
-    nice python -m tests.calibration.coverage --n {n} --rows out/coverage.jsonl
-
-{n} simulated campaigns of each boundary and each datum, by the independent simulator of [calibration](calibration.md): 10 stations from one radius (0.12 at the ceiling, 0.15 at the sidewall) to 25 (12), 4 throttles, 4
-visits, 160 trials in four sessions; scatter of trials (0.3 to 0.6 %), of force (0.1 to 0.5 mN) and of visit heights (0.02 to 0.1 mm). In addition, drawn once per element, and stated in the manifest:
-
-| Error | Standard uncertainty | Shared by |
-|---|---|---|
-| gain | 0.3 % | session |
-| gain | 0.3 % | throttle |
-| distance datum | 0.2 mm or 0.5 mm | boundary |
-| load cell's departure from its line | 1.5 gf at 1 kgf (half-width, uniform), with the square of force | campaign |
-
-*nearlift* has the stated budget; *shared ignored* is the same likelihood without it; *lmfit* is `lmfit.minimize` on Delta L per cell over the farthest station, with independent errors. Share of intervals that hold the
-truth, with Clopper-Pearson 95 % limits. By chance (99 %) a share of 90 % is between {low:.1%} and {high:.1%} over {n} campaigns.
-
-{shares}
-Stated uncertainty (median) and actual error (rms). Pull is (estimate - truth) / stated; its mean should be 0 and its standard deviation 1:
-
-{errors}
-The gain per throttle moves no coefficient, since L_inf is free per throttle. The sidewall's flat curve hardly determines the scatter of heights.
-"""
-SECTION = """## Few visits
-
-    nice python -m tests.calibration.coverage --few {n}
-
-{n} campaigns of each design and boundary, records as above, one session, nothing stated. Each visit runs the four throttles once; its trials share an unstated gain error of 0.5 %. By chance (99 %) a share of 90 % over
-{n} is above {low:.0%}.
-
-{table}"""
-
-
 def main() -> None:
-    """Run the kinds that are asked for, and write their sections."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--n", type=int, default=0, help="campaigns with stated errors")
-    parser.add_argument("--few", type=int, default=0, help="campaigns with few visits")
-    parser.add_argument("--first", type=int, default=REPORTED, help="first seed")
-    parser.add_argument("--rows", type=Path, help="file of rows, which are not run again")
-    parser.add_argument("--out", type=Path, default=Path("docs/coverage.md"))
-    spread.add_option(parser)
+    """Run one of the kinds, and write its tables."""
+    parser = programs.parser(__doc__, REPORTED)
+    parser.add_argument("--few", action="store_true", help="few visits, not stated errors")
     given = parser.parse_args()
-    with spread.opened(given.executor) as executor:
-        if n := given.n:
-            rows = run(executor, n, given.first, tuple(DATUMS), given.rows)
-            shares, errors = table(share_table(rows)), table(error_table(rows))
-            low, high = (x / n for x in band(n, 90, 0.99))
-            body = STATED.format(n=n, low=low, high=high, shares=shares, errors=errors)
-            write(given.out, "shared errors", body)
-            sys.stdout.write(f"{shares}\n{errors}")
-        if n := given.few:
-            made = table(few_table(run(executor, n, given.first, tuple(FEW), given.rows)))
-            low = band(n, 90, 0.99)[0] / n
-            write(given.out, "few visits", SECTION.format(n=n, low=low, table=made))
-            sys.stdout.write(made)
+    made = {"few visits": few_table} if given.few else {"shares": share_table}
+    made |= {} if given.few else {"errors": error_table}
+    seeds = range(given.seed, given.seed + given.count)
+    with programs.opened(given.executor) as executor:
+        rows = run(executor, seeds, FEW if given.few else DATUMS, given.out)
+    for name, columns in made.items():
+        write(Path(__file__).parents[2] / "docs" / "coverage.md", name, table(columns(rows)))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,14 @@
 """Rows of the harness to tables: shares with exact intervals, by kind of campaign, verdict, effect
 and structure.
 
-    python -m tests.calibration.figures out/*.jsonl        writes a section of docs/coverage.md
+    python -m tests.calibration.figures out/*.jsonl        writes two tables of docs/coverage.md
 """
 
 from __future__ import annotations
 
-import argparse
 import io
-import json
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,8 +20,8 @@ from scipy.stats import beta, binom
 from tests.calibration.forms import STRANGE, UNNAMED
 from tests.calibration.kinds import KINDS, Promise
 from tests.calibration.peers import PEERS
+from tests.calibration.programs import Row, read
 
-Row = dict[str, Any]
 NONE = Promise()
 #: Effects that vary with time, supply, temperature or approach; all others trade with the
 #: coefficients.
@@ -320,12 +319,13 @@ def table(data: pd.DataFrame) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def write(page: Path, name: str, body: str) -> None:
-    """Put a section between its markers: in the place of the one that the page has, or at its end."""
+def write(page: Path, name: str, made: str) -> None:
+    """Put a table between its markers, `<!-- name -->` and `<!-- end of name -->`, on the page."""
     start, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
-    text, whole = page.read_text(encoding="utf-8"), f"{start}{body.strip()}\n{end}"
-    old = re.search(re.escape(start) + ".*?" + re.escape(end), text, flags=re.DOTALL)
-    text = text.replace(old[0], whole) if old else f"{text.rstrip()}\n\n{whole}"
+    text = page.read_text(encoding="utf-8")
+    pattern = f"{re.escape(start)}[^<]*{re.escape(end)}"
+    text, count = re.subn(pattern, lambda _: f"{start}{made.strip()}\n{end}", text)
+    assert count == 1, f"{page} has no place for {name}"
     page.write_text(text, encoding="utf-8")
 
 
@@ -353,32 +353,13 @@ def markdown(rows: list[Row]) -> str:
     return text + "".join(f"\n## {t}\n\n{table(made)}" for t, made in sections.items() if len(made))
 
 
-BODY = """## The number to quote
-
-    python -m tests.calibration.figures out/records.jsonl out/pairs.jsonl out/strange.jsonl
-
-90 % intervals of `results.json` that hold the coefficient, by kind of campaign and verdict, in the {n} campaigns of [calibration](calibration.md): count, 95 % limits of the share, and median width over that
-of a fit with the true model and covariance. The engine is that of 2026-11-26.
-Of 675 campaigns of 400 trials the next day's intervals hold 86 % where *adequate* or *effect*, 77 % where *unexplained* ([Probabilities](calibration.md#probabilities)).
-
-{verdicts}
-Structures outside the library: how many make a claim, how many get a name, and how often the interval holds the coefficient.
-
-{structures}"""
-
-
-def main() -> None:
-    """Write the section."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("rows", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path, default=Path("docs/coverage.md"))
-    given = parser.parse_args()
-    lines = [line for path in given.rows for line in path.read_text().splitlines()]
-    data = frame([json.loads(line) for line in lines])
-    tables = {"verdicts": by_verdict(data), "structures": by_structure(data)}
-    body = BODY.format(n=len(data), **{k: table(t) for k, t in tables.items()})
-    write(given.out, "verdicts", body)
+def main(files: list[str]) -> None:
+    """Write the tables."""
+    page = Path(__file__).parents[2] / "docs" / "coverage.md"
+    data = frame([row for file in files for row in read(Path(file))])
+    write(page, "verdicts", table(by_verdict(data)))
+    write(page, "structures", table(by_structure(data)))
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -8,15 +8,15 @@ What such an observer misses no search can be asked for: other forms of other ca
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import minimize_scalar
-from tests.calibration import forms, oracle, spread
+from tests.calibration import forms, oracle, programs
 from tests.calibration.kinds import REPORTED, draw
+from tests.calibration.programs import Row
 from tests.calibration.simulator import Campaign, log_lift
 
 #: Sizes that are tried first, over the largest possible.
@@ -29,7 +29,6 @@ WEAKEST = 0.2
 
 Array = np.ndarray
 Piece = tuple[forms.Form, float]
-Row = dict[str, object]
 Job = tuple[str, int]
 
 
@@ -102,7 +101,7 @@ class Observer:
         return np.asarray((lift - self.log_inf)[campaign.keep])
 
 
-def assess(job: Job) -> Row:
+def assess(job: Job) -> list[Row]:
     """One campaign: what the observer names, and what stands beside it, once with the printed forms
     alone and once with both.
     """
@@ -121,19 +120,15 @@ def assess(job: Job) -> Row:
         row[f"{known}_right"] = found[truth] == most
         row[f"{known}_inside"] = 2 * (most - found[truth]) <= REACH
         row[f"{known}_set"] = sum(2 * (most - v) <= REACH for v in found.values())
-    return row
+    return [row]
 
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--count", type=int, default=201)
-    parser.add_argument("--seed", type=int, default=REPORTED)
-    spread.add_option(parser)
-    given = parser.parse_args()
+    given = programs.parser(__doc__, REPORTED).parse_args()
     jobs: list[Job] = [(forms.BOUNDARIES[i % 3], given.seed + i) for i in range(given.count)]
-    with spread.opened(given.executor) as executor:
-        rows = list(spread.unordered(executor, assess, jobs))
+    with programs.opened(given.executor) as executor:
+        rows = programs.collect(executor, assess, jobs, ("boundary", "seed"), given.out)
     data = pd.DataFrame(rows)
     for known in ("own", "both"):
         right, inside, size = (

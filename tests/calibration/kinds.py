@@ -7,6 +7,7 @@ what any engine may assume. Where nothing else is said, every other three seeds 
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import itertools
 from collections.abc import Callable, Mapping
@@ -70,14 +71,14 @@ def chosen(names: str) -> tuple[str, ...]:
 
     Raises
     ------
-    ValueError
+    argparse.ArgumentTypeError
         A name is neither.
     """
     wanted = names.split(",")
     groups = dict.fromkeys(k.group for k in KINDS.values())
     for name in wanted:
         if name not in KINDS and name not in groups:
-            raise ValueError(
+            raise argparse.ArgumentTypeError(
                 f"{name}: no kind ({', '.join(KINDS)}), no group ({', '.join(groups)})"
             )
     return tuple(

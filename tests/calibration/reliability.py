@@ -14,7 +14,6 @@ the test is silent, "nothing" is then the true explanation: it claims no detecta
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import replace
 from functools import partial
@@ -25,10 +24,11 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import isotonic_regression
 from scipy.stats import chi2, ncx2
-from tests.calibration import forms
+from tests.calibration import forms, programs
 from tests.calibration.assess import headline
 from tests.calibration.bench import stream
 from tests.calibration.kinds import Kind, Make, random_gain, trials, two_effects
+from tests.calibration.programs import Row
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, log_lift, simulate
 
 DRAWS = 999
@@ -48,7 +48,6 @@ NEAR = (
     "tilt",
 )
 Array = np.ndarray
-Row = dict[str, Any]
 
 
 def _alone(kind: Kind, boundary: str, seed: int) -> Campaign:
@@ -269,29 +268,22 @@ def draw(rows: list[Row], file: Path) -> None:
     figure.savefig(file, dpi=150, metadata={"Software": None})
 
 
+def _assess(job: tuple[int]) -> list[Row]:
+    try:
+        return [assess(*job)]
+    except Unreachable:
+        return []
+
+
 def main() -> None:
     """Run what is missing, print the table, draw."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--seed", type=int, default=9_720_000)
-    parser.add_argument("--count", type=int, default=0)
-    parser.add_argument("--out", type=Path, required=True)
+    parser = programs.parser(__doc__, 9_720_000, 0)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--peers", action="store_true", help="Brier scores of rival methods, too")
     given = parser.parse_args()
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    given.out.touch()
-    rows = [json.loads(line) for line in given.out.read_text().splitlines()]
-    done = {row["seed"] for row in rows}
-    with given.out.open("a") as kept:
-        for seed in range(given.seed, given.seed + given.count):
-            if seed in done:
-                continue
-            try:
-                rows.append(assess(seed))
-            except Unreachable:
-                continue
-            kept.write(json.dumps(rows[-1], default=float) + "\n")
-            kept.flush()
+    jobs = [(seed,) for seed in range(given.seed, given.seed + given.count)]
+    with programs.opened(given.executor) as executor:
+        rows = programs.collect(executor, _assess, jobs, ("seed",), given.out)
     print(json.dumps(reliability(rows), indent=1))
     if given.peers:
         for name, answers in pd.DataFrame(list(map(peers, rows))).items():
@@ -301,4 +293,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    # by the name that workers know this module by
+    from tests.calibration.reliability import main as run_main
+
+    run_main()

@@ -86,18 +86,12 @@ class Sensor:
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What was put in. Arrays are of the trials kept, in run order.
+    """What was put in; arrays are of the trials kept, in run order.
 
-    Attributes
-    ----------
-    log_lift : array
-        Noiseless log lift at nominal distance, every effect included.
-    contributions : dict
-        Log lift that each effect alone adds.
-    amplitudes, rho, rho_beside : dict
-        Amplitude; strength; strength left once the other effects' directions are absorbed too.
-    variance : array
-        Marginal variance of log lift, height scatter included, `realism` left out.
+    `log_lift` is noiseless, at nominal distance, with every effect; `contributions` are the log lift
+    that each effect alone adds, `rho` their strengths, `rho_beside` what is left of these once the
+    other effects' directions are absorbed too. `variance` is that of log lift, height scatter
+    included and `realism` left out.
     """
 
     theta: dict[str, float]
@@ -108,13 +102,15 @@ class Truth:
     amplitudes: dict[str, float]
     rho: dict[str, float]
     rho_beside: dict[str, float]
-    variance: Array = field(repr=False)
+    variance: Array
 
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A simulated campaign: the library's input (`data`), and the truth; `scheduled` trials in all,
-    where it was cut.
+    """A simulated campaign: the library's input `data`, and the truth.
+
+    `keep` marks the trials of the bench that are in `data`, `columns` (all trials of the bench) are
+    those of L_inf per throttle and of theta; `scheduled` trials in all, where it was cut.
     """
 
     spec: Spec
@@ -125,6 +121,7 @@ class Campaign:
     keep: Array = field(repr=False)
     whitener: Whitener = field(repr=False)
     sensor: Sensor = field(repr=False)
+    columns: Array = field(repr=False)
     scheduled: int | None = None
 
     @property
@@ -146,33 +143,27 @@ class Campaign:
 
     def until(self, n: int) -> Campaign:
         """The campaign after its first n trials."""
-        truth, rows = self.truth, np.arange(n)
-        left = self.keep.copy()
-        left[np.flatnonzero(self.keep)[n:]] = False
-        known = replace(
-            truth,
-            log_lift=truth.log_lift[:n],
-            variance=truth.variance[:n],
-            contributions={k: v[:n] for k, v in truth.contributions.items()},
-        )
+        rows, truth = np.arange(n), self.truth
+        contributions = {kind: e[:n] for kind, e in truth.contributions.items()}
+        arrays = {"log_lift": truth.log_lift[:n], "variance": truth.variance[:n]}
         return replace(
             self,
             data=self.data.take(rows),
-            truth=known,
-            keep=left,
+            truth=replace(truth, contributions=contributions, **arrays),
+            keep=self.keep & (np.cumsum(self.keep) <= n),
             whitener=self.whitener.of(rows),
             scheduled=self.data.n,
         )
 
-    @cached_property
+    @property
     def jacobian(self) -> Array:
         """d log ratio / d theta of the base model at its true coefficients, (n, p)."""
-        return base_jacobian(self.setting)[self.keep]
+        return self.columns[self.keep, len(self.truth.levels_N) :]
 
-    @cached_property
+    @property
     def indicator(self) -> Array:
         """One column per throttle, (n, k)."""
-        return np.eye(len(self.truth.levels_N))[self.setting.bench.level[self.keep]]
+        return self.columns[self.keep, : len(self.truth.levels_N)]
 
     def effect(self, piece: tuple[forms.Form, float]) -> Array:
         """Log lift that an effect of this form and size adds, (n,)."""
@@ -181,7 +172,7 @@ class Campaign:
     @cached_property
     def absorbed(self) -> Array:
         """Orthonormal basis of what L_inf and theta absorb, whitened."""
-        return np.linalg.qr(self.whitener(np.hstack([self.indicator, self.jacobian])))[0]
+        return np.linalg.qr(self.whitener(self.columns[self.keep]))[0]
 
     def left(self, effect: Array) -> Array:
         """Whitened log lift that L_inf and theta do not absorb."""
@@ -226,9 +217,7 @@ class Whitener:
         return x - ((self.shrink * along.T)[..., self.block] * self.q).T
 
     def strength(self, e: Array, absorbed: Array) -> float:
-        """Rms per trial of what is left of `e`, whitened, once the columns `absorbed` have taken
-        what they can.
-        """
+        """Rms per trial of what the columns `absorbed` leave of `e`, whitened."""
         q, r = np.linalg.qr(self(absorbed))
         diagonal = np.abs(np.diag(r))
         if diagonal.min() <= 1e-9 * diagonal.max():
@@ -239,9 +228,7 @@ class Whitener:
 
 
 def log_lift(setting: forms.Setting, effects: Pieces, z_hat: Array | None = None) -> Array:
-    """Noiseless log lift: height effects, the base curve, ratio effects, gains, forces, in that
-    order.
-    """
+    """Noiseless log lift: height effects, base curve, ratio effects, gains, forces, in that order."""
     bench = setting.bench
 
     def acted(value: Array, place: forms.Place) -> Array:
@@ -276,7 +263,7 @@ def base_jacobian(setting: forms.Setting) -> Array:
 def whitener(
     setting: forms.Setting, scatter: Scatter, spec: Spec, drawn: Drawn | None
 ) -> tuple[Whitener, Array]:
-    """The true whitening of log lift at the base curve, stated uncertainties included, and the
+    """The true whitening of log lift at the base curve, with the stated uncertainties, and the
     marginal variance.
     """
     bench, step = setting.bench, 1e-4
@@ -284,21 +271,17 @@ def whitener(
     def per(moved: Callable[[float], Array]) -> Array:
         return (np.log(moved(1 + step)) - np.log(moved(1 - step))) / (2 * step)
 
+    def curve(radius: float, spacing: float) -> Array:
+        z = bench.z_hat / radius
+        return forms.ratio(bench.boundary, z, setting.theta, forms.D / radius * spacing)
+
     slope = per(lambda f: setting.curve(bench.z_hat * f)) / bench.z_hat / bench.radius_m
     lift = setting.inf_N * setting.curve(bench.z_hat)
     own = (scatter.force_N**2 + scatter.record_N**2) / lift**2
-    shared = scatter.height_m * slope
-    if drawn is None:
-        own = own + scatter.relative**2
-        return Whitener(own, shared, bench.visit), own + shared**2
-    own, beside = own + drawn.variance, drawn.covariance
-    if spec.declared:
+    own = own + (scatter.relative**2 if drawn is None else drawn.variance)
+    shared, beside = scatter.height_m * slope, None if drawn is None else drawn.covariance
+    if drawn is not None and spec.declared:
         given = spec.shared
-
-        def curve(radius: float, spacing: float) -> Array:
-            z = bench.z_hat / radius
-            return forms.ratio(bench.boundary, z, setting.theta, forms.D / radius * spacing)
-
         columns = np.column_stack(
             [
                 given.datum_m * slope,
@@ -314,15 +297,11 @@ def whitener(
 def amplitude(
     setting: forms.Setting, white: Whitener, kind: str, foreign: bool, rho: float, sign: float
 ) -> float:
-    """The size at which an effect is as strong as `rho`.
-
-    Raises
-    ------
-    Unreachable
-        Its largest physical size is weaker.
+    """The size at which an effect is as strong as `rho`; `Unreachable` where its largest physical
+    size is weaker.
     """
     form = forms.form(kind, foreign)
-    base, absorbed = log_lift(setting, ()), _absorbed(setting)
+    base, absorbed = log_lift(setting, ()), absorbed_columns(setting)
     most = form.most[setting.bench.boundary] * (sign if form.signed else 1.0)
 
     def miss(share: float) -> float:
@@ -335,7 +314,7 @@ def amplitude(
     return float(brentq(miss, 0.0, share, xtol=1e-7, rtol=1e-5)) * most
 
 
-def _absorbed(setting: forms.Setting) -> Array:
+def absorbed_columns(setting: forms.Setting) -> Array:
     """Columns of L_inf per throttle and of theta, of all trials."""
     levels = np.eye(len(setting.levels_N))[setting.bench.level]
     return np.hstack([levels, base_jacobian(setting)])
@@ -390,7 +369,7 @@ def simulate(spec: Spec, seed: int) -> Campaign:
     heat = sinking(np.linspace(0, 1, sensor.samples), spec.foreign).mean()
     full = full + np.log1p(-spec.sink * setting.load * heat)
     parts = {kind: log_lift(setting, (piece,)) - base for kind, piece in pieces.items()}
-    absorbed = _absorbed(setting)
+    absorbed = absorbed_columns(setting)
 
     def others(kind: str) -> Array:
         return np.column_stack([absorbed, *(e for k, e in parts.items() if k != kind)])
@@ -420,6 +399,7 @@ def simulate(spec: Spec, seed: int) -> Campaign:
         keep=keep,
         whitener=white if keep.all() else white.of(np.flatnonzero(keep)),
         sensor=sensor,
+        columns=absorbed,
     )
 
 
@@ -428,13 +408,12 @@ def candidate_columns(campaign: Campaign) -> dict[str, Array]:
     shapes, without form error. An effect that theta and L_inf absorb altogether is left out.
     """
     boundary, columns = campaign.spec.boundary, {}
-    absorbed = np.hstack([campaign.indicator, campaign.jacobian])
     for name in forms.names(boundary):
         form = forms.form(name, foreign=False)
         share = 0.5 if form.place in ("height", "ratio") and not form.signed else 0.05
         e = campaign.effect((form, share * form.most[boundary]))
         noticeable = 1e-3 * np.sqrt(np.mean(campaign.whitener(e) ** 2))
-        if campaign.whitener.strength(e, absorbed) > noticeable:
+        if campaign.whitener.strength(e, campaign.columns[campaign.keep]) > noticeable:
             columns[name] = e / share
     return columns
 

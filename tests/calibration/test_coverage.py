@@ -14,11 +14,17 @@ from tests.calibration.simulator import simulate
 CHANCE = 1 - 0.05 / 36
 
 
+def seeds(variable, count):
+    """So many reported seeds, unless the environment says otherwise."""
+    first = coverage.REPORTED
+    return range(first, first + int(os.environ.get(variable, count)))
+
+
 def test_a_few_campaigns_under_shared_errors(executor):
     """Three campaigns of each kind, pooled: the 99.9 % bands catch intervals that are too narrow by
     half.
     """
-    rows = coverage.run(executor, 3, 1, tuple(coverage.DATUMS))
+    rows = coverage.run(executor, range(1, 4), coverage.DATUMS)
     headline = rows[rows["name"] == rows["boundary"].map(forms.HEADLINE)]
     ours = headline[headline["way"] == "nearlift"]
     assert len(ours) == 18
@@ -50,15 +56,17 @@ def test_a_gain_per_throttle_moves_no_coefficient(boundary):
 
 
 def test_what_is_injected_is_what_is_stated():
-    spec = coverage.spec("ground", "0.5 mm")
+    shared = coverage.spec("ground", "0.5 mm").shared
     stated = {c.name: c for c in coverage.components(0.5)}
-    assert stated["boundary height"].standard == pytest.approx(spec.shared.datum_m)
-    assert stated["session gain"].standard == pytest.approx(spec.shared.session_gain)
-    assert stated["throttle gain"].standard == pytest.approx(spec.shared.throttle_gain)
+    for name, size in {
+        "boundary height": shared.datum_m,
+        "session gain": shared.session_gain,
+        "throttle gain": shared.throttle_gain,
+    }.items():
+        assert stated[name].standard == pytest.approx(size)
     cell = stated["load cell linearity"]
-    assert cell.standard * np.sqrt(3) == pytest.approx(1.5 * 9.80665e-3)
     assert cell.range_N == pytest.approx(9.80665)
-    assert spec.shared.cell_N == pytest.approx(cell.standard * np.sqrt(3), rel=1e-3)
+    assert cell.standard * np.sqrt(3) == pytest.approx(shared.cell_N, rel=1e-3)
 
 
 def test_pooled_shares_are_judged_too():
@@ -76,8 +84,7 @@ def test_pooled_shares_are_judged_too():
 @pytest.mark.calibration
 def test_intervals_cover_with_few_visits(executor):
     """NEARLIFT_FEW_N (60) campaigns of each design; taken as independent, the same trials fail."""
-    n = int(os.environ.get("NEARLIFT_FEW_N", "60"))
-    rows = coverage.run(executor, n, coverage.REPORTED, tuple(coverage.FEW))
+    rows = coverage.run(executor, seeds("NEARLIFT_FEW_N", "60"), coverage.FEW)
     coverage.check(rows, "nearlift", 1 - 0.05 / 48, narrow_only=True)
     with pytest.raises(AssertionError, match="intervals of"):
         coverage.check(rows, "ignored", 1 - 0.05 / 48, narrow_only=True)
@@ -86,8 +93,7 @@ def test_intervals_cover_with_few_visits(executor):
 @pytest.mark.calibration
 def test_intervals_cover_under_shared_errors(executor):
     """NEARLIFT_COVERAGE_N (250) campaigns of each boundary and datum; wrong likelihoods fail."""
-    n = int(os.environ.get("NEARLIFT_COVERAGE_N", "250"))
-    rows = coverage.run(executor, n, coverage.REPORTED, tuple(coverage.DATUMS))
+    rows = coverage.run(executor, seeds("NEARLIFT_COVERAGE_N", "250"), coverage.DATUMS)
     coverage.check(rows, "nearlift", CHANCE)
     for boundary in forms.BOUNDARIES:
         for way in ("ignored", "lmfit"):

@@ -1,10 +1,9 @@
 """Predictions of `nearlift design` against the loop's answers to simulated campaigns of that plan.
 
-``python -m tests.calibration.test_power --n N --effects EFFECT,EFFECT`` prints the rows of
+``python -m tests.calibration.test_power --count N --effects EFFECT,EFFECT`` prints the rows of
 docs/stages/design.md for N campaigns each.
 """
 
-import argparse
 import dataclasses
 import functools
 import json
@@ -12,7 +11,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from tests.calibration import spread
+from tests.calibration import programs
 from tests.calibration.figures import clopper_pearson
 from tests.unit.manifests import CRAZYFLIE, RIG
 
@@ -161,23 +160,17 @@ def test_predicted_rivals_are_the_ones_that_come(executor):
 
 def main():
     """Print the rows."""
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.calibration.test_power", description=__doc__.split("\n")[0]
-    )
-    parser.add_argument("--n", type=int, default=60, help="campaigns of each effect and size")
+    parser = programs.parser(__doc__, 0, 60)
     parser.add_argument("--effects", default=",".join(EFFECTS))
     parser.add_argument(
         "--confirm", action="store_true", help="with held-out visits, as `nearlift diagnose` does"
     )
-    spread.add_option(parser)
     given = parser.parse_args()
-    with spread.opened(given.executor) as executor:
+    with programs.opened(given.executor) as executor:
         for name in given.effects.split(","):
             for factor in SIZES:
-                print(
-                    json.dumps(bench().row(executor, name, factor, given.n, given.confirm)),
-                    flush=True,
-                )
+                row = bench().row(executor, name, factor, given.count, given.confirm)
+                print(json.dumps(row), flush=True)
 
 
 if __name__ == "__main__":
