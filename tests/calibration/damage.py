@@ -159,8 +159,8 @@ def _together(tare: Array, rng: np.random.Generator) -> Array:
 
 
 def _zeroed(tare: Array, rng: np.random.Generator) -> Array:
-    # relative to the zero of the cell
-    tare[_stretch(tare, rng, min(64, len(tare) // 3))] = -(10 ** rng.uniform(-2, 0))
+    place = _stretch(tare, rng, min(64, len(tare) // 3))
+    tare[place] = -(10 ** rng.uniform(-2, 0))  # relative to the zero of the cell
     return tare
 
 
