@@ -42,7 +42,7 @@ REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
 #: Unit of distances that are multiples of the rotor radius.
 RADII = "R"
-#: TextColumn of the record's id, in a schedule of records and in trials.parquet.
+#: Column of the record's id, in a schedule of records and in trials.parquet.
 RECORD_COLUMN = "record"
 #: Smallest distance over rotor radius.
 NEAREST = 1e-4
@@ -109,10 +109,25 @@ BY_NAME = {k.name: k for k in KNOWN}
 OUTCOMES = tuple(k.name for k in KNOWN if k.inside in CARRIED)
 #: Columns of a schedule that pieces of a record may bring.
 BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.startswith("lift"))
+#: First columns of trials.parquet: each trial, and how the rig was set for it.
+SETTINGS = ("trial", "boundary", "z_hat", "z_m", "throttle")
 #: Names that a further column must not have.
 OF_TRIALS = (
-    *("trial", "boundary", "z_hat", "z_m", "throttle", "lift_N", "u_lift_N", "u_zero_N", "n"),
-    *("n_removed", "n_eff", "drift_N_s", "sd_N", "quality", "visit", "source_sha256", "source"),
+    *(
+        *SETTINGS,
+        "lift_N",
+        "u_lift_N",
+        "u_zero_N",
+        "n",
+        "n_removed",
+        "n_eff",
+        "drift_N_s",
+        "sd_N",
+        "quality",
+        "visit",
+        "source_sha256",
+        "source",
+    ),
     *("samples", "completeness", "fault"),
 )
 RESERVED = {*OF_TRIALS} | {k.inside for k in KNOWN} | {"u_height_m"}
@@ -125,7 +140,7 @@ class TextColumn:
     name: str
     texts: Sequence[str]
     file: str
-    lines: Sequence[int]
+    lines: Sequence[int] = ()
     unit: str = ""
 
     def place(self, i: int) -> str:
@@ -136,22 +151,18 @@ class TextColumn:
     def refusal(
         self, i: int, what: str, remedy: str, kind: type[NearliftError] = ManifestError
     ) -> NearliftError:
-        """A refusal that names the place of cell `i`."""
+        """Refusal with the place of cell `i`."""
         return kind(self.place(i), what, remedy)
 
     def blank(self, i: int, remedy: str) -> NearliftError:
-        """The refusal of a cell without a value."""
-        cell = self.texts[i].strip()
+        """Refusal of a cell without a value."""
+        cell = self.texts[i]
         return self.refusal(i, f"{cell!r} is no value" if cell else "is empty", remedy)
-
-    def stripped(self) -> NDArray[Any]:
-        """The cells as texts without surrounding spaces."""
-        return np.array([t.strip() for t in self.texts], dtype=object)
 
     def numbers(self, *, blank: bool = True) -> FloatArray:
         """The cells as numbers, NaN where blank; refuses other cells, and blanks unless `blank`."""
         values = np.full(len(self.texts), math.nan)
-        for i, cell in enumerate(self.stripped()):
+        for i, cell in enumerate(self.texts):
             if NUMBER.fullmatch(cell):
                 values[i] = float(cell)
                 if math.isinf(values[i]):
@@ -161,7 +172,7 @@ class TextColumn:
                 remedy = "write a number; leave the cell empty where it is not known"
                 if re.fullmatch(r"[-+]?\d+,\d+", cell):
                     remedy = "write decimals with a point"
-                raise self.refusal(i, f"{brief(repr(self.texts[i]))} is not a number", remedy)
+                raise self.refusal(i, f"{brief(repr(cell))} is not a number", remedy)
             elif not blank:
                 raise self.blank(i, "every trial needs this number")
         return values
@@ -207,12 +218,6 @@ class Schedule:
     def __len__(self) -> int:
         return len(self.trial)
 
-    @property
-    def settings(self) -> dict[str, NDArray[Any]]:
-        """The first columns of trials.parquet: each trial and how the rig was set for it."""
-        names = ("trial", "boundary", "z_hat", "z_m", "throttle")
-        return {name: getattr(self, name) for name in names}
-
 
 def schedule_file(campaign: Campaign, root: Path) -> Path:
     """The schedule's path, checked to lie under `root`."""
@@ -226,8 +231,8 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     `ManifestError` for a wrong column, unit or cell and for two trials with one id.
     """
     columns, notes = read_columns(campaign, root)
-    bring: tuple[str, ...] = ()
-    if campaign.cuts_records:
+    bring: Collection[str] = ()
+    if campaign.segments is not None:
         columns, bring = rename_records(campaign, root, columns)
     return of_columns(campaign, root, columns, notes, bring)
 
@@ -239,16 +244,23 @@ def read_columns(campaign: Campaign, root: Path) -> tuple[dict[str, TextColumn],
     """Every column of the schedule's file, constants included, and a note if its last line has no
     end: a cut can turn `300` into `30`.
     """
-    path = schedule_file(campaign, root)
+    path, given = schedule_file(campaign, root), campaign.trials.units
     text = _text_of(path)
-    columns = _table(campaign, path, text)
-    rows = len(next(iter(columns.values())).texts)
+    header, lines, rows = _rows_of(path, text)
+    columns = {
+        name: TextColumn(name, texts, path.name, lines, given.get(name, ""))
+        for name, texts in zip(header, zip(*rows, strict=True), strict=True)
+    }
     for name, value in campaign.trials.constants.items():
+        key, cell, unit = f"trials.constants.{name}", str(value).strip(), given.get(name, "")
         if name in columns:
-            key = f"trials.constants.{name}"
             raise ManifestError(key, f"is also a column of {path.name}", "keep one of them")
-        cell, unit = _constant(name, value, campaign.trials.units.get(name, ""))
-        columns[name] = TextColumn(name, [cell] * rows, "campaign.toml", (), unit)
+        known, is_number = BY_NAME.get(name), NUMBER.fullmatch(cell) or not isinstance(value, str)
+        # a constant may have a unit of its own
+        if known and known.dimension and not is_number and not (name == "start" and "T" in cell):
+            cell = repr(units.quantity(value, known.dimension, key))
+            unit = units.SI[known.dimension]
+        columns[name] = TextColumn(name, [cell] * len(rows), "campaign.toml", unit=unit)
     last = re.split(r"[\r\n]", text)[-1]
     note = (
         f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
@@ -276,9 +288,10 @@ def _text_of(path: Path) -> str:
         raise InputRefused(str(path), what, "save it as UTF-8") from None
 
 
-def _table(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
-    """The columns of a CSV text, in the file's order; remarks (`#`) above the header are left out,
-    but no header behind `#`, which its names refuse.
+def _rows_of(path: Path, text: str) -> tuple[list[str], list[int], list[list[str]]]:
+    """Names of the columns, and line and cells of each row, of a CSV text.
+
+    Remarks (`#`) above the header are left out, but no header behind `#`: its names are refused.
     """
     above = re.match(r"(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n|\r|\n))*", text)
     remarks = above[0] if above else ""
@@ -286,8 +299,12 @@ def _table(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
     if not any({"trial"} < cells & BY_NAME.keys() for cells in named):
         text = re.sub(r"#[^\r\n]*", "", remarks) + text[len(remarks) :]
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    lines, rows = list[int](), list[list[str]]()
     try:
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+        for row in reader:
+            if any(cells := [cell.strip() for cell in row]):
+                lines.append(reader.line_num)
+                rows.append(cells)
     except csv.Error as fault:
         at = f"{path}, line {reader.line_num}"
         raise InputRefused(at, f"is not CSV: {fault}", "correct that line") from None
@@ -295,36 +312,24 @@ def _table(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
         what = "lists no trial" if rows else "is empty"
         remedy = "the first line names the columns, then one line per trial, in run order"
         raise InputRefused(str(path), what, remedy)
-    (line, names), *rows = rows
-    header, at = [name.strip() for name in names], f"{path}, line {line}"
+    header = rows[0]
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         remedy = "save it with commas between cells and points in decimals"
         raise InputRefused(str(path), "is not separated by commas", remedy)
+    what = remedy = ""
     if twice := sorted(n for n, k in Counter(header).items() if k > 1):
-        raise InputRefused(at, f"the column {twice[0]!r} is there twice", "rename or drop one")
+        what, remedy = f"the column {twice[0]!r} is there twice", "rename or drop one"
     if "" in header:
         what = f"column {header.index('') + 1} has no name"
-        raise InputRefused(at, what, "name it, or take the extra comma away")
-    for line, row in rows:
-        if len(row) != len(header):
-            what = f"has {len(row)} cells under {len(header)} column names"
-            remedy = "correct that line (a decimal comma makes two cells of one)"
-            raise InputRefused(f"{path}, line {line}", what, remedy)
-    lines, unit = [line for line, _ in rows], campaign.trials.units
-    return {
-        name: TextColumn(name, texts, path.name, lines, unit.get(name, ""))
-        for name, texts in zip(header, zip(*(row for _, row in rows), strict=True), strict=True)
-    }
-
-
-def _constant(name: str, value: object, unit: str) -> tuple[str, str]:
-    """A constant as a cell, and its unit: SI where it has one of its own."""
-    text, known = str(value), BY_NAME.get(name)
-    own_unit = isinstance(value, str) and not NUMBER.fullmatch(text.strip())
-    if known is None or not known.dimension or not own_unit or (name == "start" and "T" in text):
-        return text, unit
-    si = units.quantity(value, known.dimension, f"trials.constants.{name}")
-    return repr(si), units.SI[known.dimension]
+        remedy = "name it, or take the extra comma away"
+    wrong = 0
+    if not what and (uneven := [k for k, row in enumerate(rows) if len(row) != len(header)]):
+        wrong = uneven[0]
+        what = f"has {len(rows[wrong])} cells under {len(header)} column names"
+        remedy = "correct that line (a decimal comma makes two cells of one)"
+    if what:
+        raise InputRefused(f"{path}, line {lines[wrong]}", what, remedy)
+    return header, lines[1:], rows[1:]
 
 
 # ---- schedules of records
@@ -361,21 +366,21 @@ def dimension_of(name: str) -> str:
 
 def rename_records(
     campaign: Campaign, root: Path, columns: Mapping[str, TextColumn]
-) -> tuple[dict[str, TextColumn], tuple[str, ...]]:
+) -> tuple[dict[str, TextColumn], Collection[str]]:
     """A schedule of records under the names of one of trials, and the columns that pieces bring.
 
     `ManifestError` without a column `record`, or with a column that pieces bring.
     """
     assert campaign.segments is not None
-    bring, at = tuple(columns_from_record(campaign.segments)), str(root / campaign.trials.file)
+    bring, what = columns_from_record(campaign.segments), ""
     if RECORD_COLUMN not in columns or "trial" in columns:
         what = "has a column 'trial'" if "trial" in columns else "has no column 'record'"
         remedy = "with [segments] a row is a record: call the column of its ids record"
-        raise ManifestError(at, what, remedy)
-    if both := [name for name in bring if name in columns]:
+    elif both := [name for name in bring if name in columns]:
         what = f"the column {both[0]!r} is also brought by the pieces of records, by [segments]"
         remedy = "take the column away, or the key under [segments] (becomes, columns)"
-        raise ManifestError(at, what, remedy)
+    if what:
+        raise ManifestError(str(root / campaign.trials.file), what, remedy)
     return {"trial" if n == RECORD_COLUMN else n: column for n, column in columns.items()}, bring
 
 
@@ -397,25 +402,32 @@ def of_columns(
     _check_names(campaign, path, columns, missing)
     trial, boundary = _ids(columns["trial"]), _boundaries(columns["boundary"])
     z_m = _distances(campaign, columns.get("distance"), boundary, "distance" in missing)
-    others = {n: c for n, c in columns.items() if n not in ("trial", "boundary", "distance")}
-    covariates = {
-        BY_NAME[name].inside if name in BY_NAME else name: _values(campaign, column, missing)
-        for name, column in others.items()
-    }
-    for name in [n for n in others if n not in BY_NAME]:
+    covariates: dict[str, NDArray[Any]] = {}
+    for name, column in columns.items():
+        if name in ("trial", "boundary", "distance"):
+            continue
+        if name in BY_NAME:
+            covariates[BY_NAME[name].inside] = _values(campaign, column, name in missing)
+            continue
         if name in RESERVED:
             what = f"the column {name!r} has the name of a result"
             raise ManifestError(str(path), what, "rename it")
         if hint := did_you_mean(name, [n for n in BY_NAME if n not in columns]):
             notes.append(f"{path.name}: column {name!r} is kept as it is; {hint}")
+        filled = [t for t in column.texts if t.lower() not in BLANK]
+        is_numeric = filled and all(map(NUMBER.fullmatch, filled))
+        covariates[name] = column.numbers() if is_numeric else np.array(column.texts, dtype=object)
     means = {n: covariates.pop(n) for n in (BY_NAME[m].inside for m in MEANS) if n in covariates}
     approach, session = covariates.get("approach"), covariates.get("session")
     if "start_s" in covariates:
         notes += _backwards(columns["start"], covariates["start_s"], session)
     reached = covariates.pop("reached_m", None)
     if reached is not None:
-        reached = reached + [0.0 if b == "none" else campaign.rig.offset(b) for b in boundary]
-    if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
+        offsets = {
+            side: campaign.distance_reference(side).offset_m for side in {*boundary} - {"none"}
+        }
+        reached = reached + [offsets.get(side, 0.0) for side in boundary]
+    if "sidewall" in boundary and campaign.distance_reference("sidewall").datum == "rotor plane":
         notes.append(
             "sidewall distances are taken as wall to nearest blade tip; declare it with"
             ' distance_datum = { sidewall = "blade tip" }'
@@ -444,7 +456,7 @@ def _check_names(
         if name not in columns and name not in BY_NAME:
             hint = did_you_mean(name, [*columns, *BY_NAME]) or f"columns are {', '.join(columns)}"
             raise ManifestError(f"trials.units.{name}", "no column has that name", hint)
-    free_air = "boundary" in columns and set(columns["boundary"].stripped()) == {"none"}
+    free_air = "boundary" in columns and {*columns["boundary"].texts} == {"none"}
     for name in REQUIRED:
         if name not in columns and name not in missing and not (name == "distance" and free_air):
             hint = did_you_mean(name, [c for c in columns if c not in BY_NAME])
@@ -464,7 +476,7 @@ def _check_names(
 def _ids(column: TextColumn) -> NDArray[Any]:
     """The trials' ids; refuses a blank, an invisible character, and one id twice."""
     first: dict[str, int] = {}
-    for i, name in enumerate(column.stripped().tolist()):
+    for i, name in enumerate(column.texts):
         what = "" if name else "holds no trial id"
         if any(unicodedata.category(c) in INVISIBLE for c in name):
             what = f"{name!a} holds a character that does not show"
@@ -473,34 +485,32 @@ def _ids(column: TextColumn) -> NDArray[Any]:
         if what:
             raise column.refusal(i, what, "give every trial an id of its own")
         first[name] = i
-    return np.array(list(first), dtype=object)
+    return np.array(column.texts, dtype=object)
 
 
 def _boundaries(column: TextColumn) -> NDArray[Any]:
     """The boundaries' names; refuses an unknown one."""
-    allowed, names = (*BOUNDARIES, "none"), column.stripped()
-    for i, name in enumerate(names):
+    allowed = (*BOUNDARIES, "none")
+    for i, name in enumerate(column.texts):
         if name not in allowed:
             hint = did_you_mean(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}"
             raise column.refusal(i, f"{name!r} is not a boundary", hint)
-    return names
+    return np.array(column.texts, dtype=object)
 
 
-def _values(campaign: Campaign, column: TextColumn, missing: Collection[str]) -> NDArray[Any]:
-    """A column in SI; an unknown one as numbers if all filled cells are numbers, else as texts."""
-    name, known = column.name, BY_NAME.get(column.name)
-    if known is None:
-        texts = column.stripped()
-        filled = [t for t in texts if t.lower() not in BLANK]
-        return column.numbers() if filled and all(map(NUMBER.fullmatch, filled)) else texts
+def _values(campaign: Campaign, column: TextColumn, blank: bool) -> NDArray[Any]:
+    """A known column in SI; refuses values that it cannot have, and blanks unless `blank` where
+    every trial needs one.
+    """
+    name, known = column.name, BY_NAME[column.name]
     if known.kind == "text":
-        return column.stripped()
+        return np.array(column.texts, dtype=object)
     if known.kind == "plain":
         values = column.numbers()
         possible, kind, remedy = PLAIN.get(name, (lambda _: True, "", ""))
         for i in np.flatnonzero(np.isfinite(values)).tolist():
             if not possible(float(values[i])):
-                raise column.refusal(i, f"{column.texts[i].strip()!r} is not a {kind}", remedy)
+                raise column.refusal(i, f"{column.texts[i]!r} is not a {kind}", remedy)
         return values
     if name == "start" and not column.unit:
         return _seconds_since_first(column)
@@ -511,16 +521,29 @@ def _values(campaign: Campaign, column: TextColumn, missing: Collection[str]) ->
             raise ManifestError("trials.units.tare_after", what, "give it in a unit of force")
         factor, zero = force.linear()
         return np.asarray(factor * (column.numbers() - zero))
-    values = column.si(blank=name not in ("lift", "throttle") or name in missing)
-    if name in SHARES:
-        _check_share(column, values)
+    values = column.si(blank=blank or name not in ("lift", "throttle"))
+    if name not in SHARES:
+        return values
+    # a share outside 0 to 1, or never above 1 %, has another unit
+    whole, too_little = SHARES[name]
+    for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
+        cell, unit = column.texts[i], column.unit
+        other = [u for u in units.plausible(float(cell), known.dimension, 0.0, 1.0) if u != unit]
+        remedy = f"{other[0]}?" if other else f"{name} is a part of {whole}"
+        what = f"a {name} of {cell} {unit} is not between 0 and 1"
+        raise column.refusal(i, what, remedy, InputRefused)
+    i = int(np.argmax(np.nan_to_num(values)))
+    if column.unit != "fraction" and 0 < values[i] <= 0.01 + 1e-9:
+        what = f"the largest {name} is {column.texts[i]} {column.unit}, {too_little}"
+        remedy = f"fraction? then correct {name} under [trials.units]"
+        raise column.refusal(i, what, remedy, InputRefused)
     return values
 
 
 def _seconds_since_first(column: TextColumn) -> FloatArray:
     """ISO 8601 times as seconds since the first one."""
     stamps: list[datetime.datetime | None] = []
-    for i, cell in enumerate(column.stripped()):
+    for i, cell in enumerate(column.texts):
         try:
             # fromisoformat takes bare digits for a date such as 20260101: those need a unit
             if NUMBER.fullmatch(cell):
@@ -536,23 +559,6 @@ def _seconds_since_first(column: TextColumn) -> FloatArray:
         what = "mixes times with and without a time zone"
         raise ManifestError(f"{column.file}, column 'start'", what, "write all of them alike")
     return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
-
-
-def _check_share(column: TextColumn, values: FloatArray) -> None:
-    """Refuse one of `SHARES` outside 0 to 1, or never above 1 %, with the unit that would fit."""
-    name, unit = column.name, column.unit
-    whole, too_little = SHARES[name]
-    for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
-        cell, dimension = column.texts[i].strip(), BY_NAME[name].dimension
-        other = [u for u in units.plausible(float(cell), dimension, 0.0, 1.0) if u != unit]
-        remedy = f"{other[0]}?" if other else f"{name} is a part of {whole}"
-        what = f"a {name} of {cell} {unit} is not between 0 and 1"
-        raise column.refusal(i, what, remedy, InputRefused)
-    i = int(np.argmax(np.nan_to_num(values)))
-    if unit != "fraction" and 0 < values[i] <= 0.01 + 1e-9:
-        what = f"the largest {name} is {column.texts[i].strip()} {unit}, {too_little}"
-        remedy = f"fraction? then correct {name} under [trials.units]"
-        raise column.refusal(i, what, remedy, InputRefused)
 
 
 def _distances(
@@ -578,30 +584,10 @@ def _distances(
     for side in BOUNDARIES:
         here = np.flatnonzero((boundary == side) & np.isfinite(recorded))
         if len(here):
-            offset = _offset(campaign, side)
+            offset = campaign.distance_reference(side).offset_m
             z_m[here] += offset
             _check_arena(campaign, column, recorded, z_m, here, side, offset)
     return z_m
-
-
-def _offset(campaign: Campaign, side: Boundary) -> float:
-    """The datum's offset, m; refuses a datum that the boundary cannot have."""
-    rig, r = campaign.rig, campaign.vehicle.rotor_radius
-    offset = rig.offset(side)
-    if rig.datum(side) != "rotor axis":
-        return offset
-    if side != "sidewall":
-        what = f"the rotor axis is no datum for the {side}: it is at right angles to it"
-        example = '{ ground = "rotor plane", sidewall = "rotor axis" }'
-        raise ManifestError(
-            "rig.distance_datum", what, f"give each boundary its own, such as {example}"
-        )
-    if abs(offset + r) > 0.1 * r:
-        what = f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis"
-        remedy = "z_hat counts from the nearest blade tip: make it minus one rotor radius,"
-        remedy += f' {{ sidewall = "{-1e3 * r:g} mm", ... }}'
-        raise ManifestError("rig.distance_offset", what, remedy)
-    return offset
 
 
 def _check_arena(
@@ -620,7 +606,7 @@ def _check_arena(
     """
     arena, r, unit = campaign.rig.arena, campaign.vehicle.rotor_radius, column.unit
     farthest, nearest = (int(here[place(z_m[here])]) for place in (np.argmax, np.argmin))
-    far, near = (f"{column.texts[i].strip()} {unit}" for i in (farthest, nearest))
+    far, near = (f"{column.texts[i]} {unit}" for i in (farthest, nearest))
     where, remedy = farthest, "correct distance under [trials.units], or the schedule"
     if arena is not None and z_m[farthest] > arena:
         ends = recorded[here].min(), recorded[here].max()
@@ -661,20 +647,19 @@ def visits(
 
     Without an order of the rows, all rows that agree in these are one stop.
     """
-    if len(boundary) == 0:
-        return np.zeros(0, dtype=np.int64)
+    # the workers that import this module need no pandas
+    import pandas as pd
+
+    rows = pd.DataFrame({"boundary": boundary.astype(str), "z_m": z_m})
+    rows["session"] = "" if session is None else session
     if not ordered:
-        same = [boundary.astype(str), z_m, *(x for x in (approach, session) if x is not None)]
-        labels = np.stack([np.unique(x, return_inverse=True)[1] for x in same])
-        _, first, label = np.unique(labels, axis=1, return_index=True, return_inverse=True)
-        return np.argsort(np.argsort(first))[label].astype(np.int64)
-    moved = (boundary[1:] != boundary[:-1]) | (z_m[1:] != z_m[:-1])
+        rows["approach"] = 0.0 if approach is None else approach
+        return rows.groupby([*rows], sort=False, dropna=False).ngroup().to_numpy(np.int64)
+    moved = (rows != rows.shift()).any(axis=1).to_numpy()
     if approach is not None:
-        known = np.isfinite(approach[1:]) & np.isfinite(approach[:-1])
-        moved = moved | ((approach[1:] != approach[:-1]) & known)
-    if session is not None:
-        moved = moved | (session[1:] != session[:-1])
-    return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
+        # an unknown side is the one before
+        moved = moved | np.concatenate([[False], np.abs(np.diff(approach)) > 0])
+    return np.asarray(np.cumsum(moved) - 1, dtype=np.int64)
 
 
 def _backwards(column: TextColumn, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
@@ -687,5 +672,5 @@ def _backwards(column: TextColumn, start_s: FloatArray, session: NDArray[Any] | 
         return []
     row = int(known[1:][earlier][0])
     others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
-    what = f"{column.texts[row].strip()} lies before the row above{others}"
+    what = f"{column.texts[row]} lies before the row above{others}"
     return [f"{column.place(row)}: {what}: rows must be in the order in which they were run"]

@@ -117,15 +117,16 @@ def test_offset_and_datum_by_boundary():
         "distance_offset": {"ground": "3 mm", "sidewall": "-23 mm"},
         "distance_datum": {"ground": "airframe", "sidewall": "rotor axis"},
     }
-    rig = campaign.parse(raw).rig
-    assert rig.offset("sidewall") == pytest.approx(-0.023)
-    assert rig.datum("ground") == "airframe"
+    raw["vehicle"]["rotor_radius"] = "23 mm"
+    reference = campaign.parse(raw).distance_reference
+    assert reference("sidewall") == ("rotor axis", pytest.approx(-0.023))
+    assert reference("ground").datum == "airframe"
     with pytest.raises(
         ManifestError,
-        match=r"rig.distance_offset: has no entry for the ceiling\n  add ceiling = ",
+        match=r"rig.distance_datum: has no entry for the ceiling\n  add ceiling = ",
     ):
-        rig.offset("ceiling")
-    assert good().rig.offset("ceiling") == 0.0
+        reference("ceiling")
+    assert good().distance_reference("ceiling").offset_m == 0.0
 
 
 def test_counts_become_newtons_of_lift():

@@ -9,7 +9,7 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination, slow_noise
-from nearlift.reduction.mean_noise import spectral_density_at_zero
+from nearlift.reduction.mean_noise import part_of
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.reduction.samples import Conditions
 
@@ -176,7 +176,7 @@ def test_the_tares_own_error_counts() -> None:
 
 def test_density_of_few_samples_is_their_variance() -> None:
     away = np.array([1.0, -1.0, 1.0, -1.0, 0.0])
-    assert spectral_density_at_zero(away, RATE)[0] == pytest.approx(1.0)
+    assert part_of(away, RATE, tone=True).density == pytest.approx(1.0)
 
 
 def test_slope_and_its_codes() -> None:

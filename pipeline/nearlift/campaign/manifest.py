@@ -19,7 +19,7 @@ from nearlift.campaign.forecasts import Detect, Planned, Simulate
 from nearlift.campaign.parsing import first_of, validated
 from nearlift.campaign.piv import Piv
 from nearlift.campaign.quantities import Section
-from nearlift.campaign.rig import LoadCell, Records, Rig, Trials, Vehicle
+from nearlift.campaign.rig import DistanceReference, LoadCell, Records, Rig, Trials, Vehicle
 from nearlift.campaign.segments import Segments, fit_the_rest
 from nearlift.campaign.uncertainty import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.declare import BOUNDARIES, Boundary
@@ -62,6 +62,32 @@ class Campaign(Section):
         r = self.vehicle.rotor_radius
         return self.vehicle.geometry() | {n: v / r for n, v in around.items() if v is not None}
 
+    def distance_reference(self, boundary: Boundary) -> DistanceReference:
+        """Datum and offset of the distances to a boundary.
+
+        `ManifestError` if its table has no entry for the boundary, or the rotor axis is the datum
+        of another boundary than the sidewall, or of the sidewall without minus a radius as offset.
+        """
+        given: dict[str, Any] = {}
+        for key in ("distance_datum", "distance_offset"):
+            value = getattr(self.rig, key)
+            if isinstance(value, dict) and boundary not in value:
+                what = f"has no entry for the {boundary}"
+                raise ManifestError(f"rig.{key}", what, f"add {boundary} = ... to the table")
+            given[key] = value[boundary] if isinstance(value, dict) else value
+        datum, offset, r = *given.values(), self.vehicle.rotor_radius
+        if datum == "rotor axis" and boundary != "sidewall":
+            what = f"the rotor axis is no datum for the {boundary}: it is at right angles to it"
+            example = '{ ground = "rotor plane", sidewall = "rotor axis" }'
+            remedy = f"give each boundary its own, such as {example}"
+            raise ManifestError("rig.distance_datum", what, remedy)
+        if datum == "rotor axis" and abs(offset + r) > 0.1 * r:
+            what = f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis"
+            remedy = "z_hat counts from the nearest blade tip: make it minus one rotor radius,"
+            remedy += f' {{ sidewall = "{-1e3 * r:g} mm", ... }}'
+            raise ManifestError("rig.distance_offset", what, remedy)
+        return DistanceReference(datum, offset)
+
     def contact_m(self, boundary: Boundary) -> float:
         """Rotor plane to boundary, m, at first touch; `ManifestError` if it is missing, or if a
         rotor would be in the boundary.
@@ -74,15 +100,15 @@ class Campaign(Section):
                 "measure from the datum to the boundary as it touches, and write [vehicle]"
                 f' contact = {{ {boundary} = "24 mm" }}',
             )
-        from_rotors = given + self.rig.offset(boundary)
-        if from_rotors < 0:
+        offset_m = self.distance_reference(boundary).offset_m
+        if given + offset_m < 0:
             raise ManifestError(
                 where,
-                f"{1e3 * given:g} mm and a distance_offset of"
-                f" {1e3 * self.rig.offset(boundary):g} mm put the rotors into the {boundary}",
+                f"{1e3 * given:g} mm and a distance_offset of {1e3 * offset_m:g} mm put the rotors"
+                f" into the {boundary}",
                 "measure it as `distance` is, from the same datum",
             )
-        return from_rotors
+        return given + offset_m
 
     @model_validator(mode="after")
     def _coherent(self) -> Self:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -130,6 +130,17 @@ class Vehicle(Section):
 RECORD_MARK = "{record}"
 #: Reference plane of a distance.
 Datum = Literal["rotor plane", "airframe", "blade tip", "rotor axis"]
+
+
+class DistanceReference(NamedTuple):
+    """Reference plane of the distances to a boundary, and rotor plane behind it, m: the offset that
+    is added to every recorded distance.
+    """
+
+    datum: Datum
+    offset_m: float
+
+
 #: Acceleration of free fall, m/s^2, with room for rounding.
 GRAVITY = (9.7, 9.9)
 
@@ -163,23 +174,6 @@ class Rig(Section):
                 " from ground to ceiling"
             )
         return self
-
-    def offset(self, boundary: Boundary) -> float:
-        """Datum to rotor plane, m, added to every recorded distance."""
-        return float(self._of("distance_offset", boundary))
-
-    def datum(self, boundary: Boundary) -> str:
-        """Reference plane of the distance to that boundary."""
-        return str(self._of("distance_datum", boundary))
-
-    def _of(self, key: str, boundary: Boundary) -> Any:
-        value = getattr(self, key)
-        if not isinstance(value, dict):
-            return value
-        if boundary not in value:
-            what = f"has no entry for the {boundary}"
-            raise ManifestError(f"rig.{key}", what, f"add {boundary} = ... to the table")
-        return value[boundary]
 
 
 class LoadCell(Section):

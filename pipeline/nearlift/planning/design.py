@@ -87,7 +87,7 @@ def _as_design(campaign: Campaign, made: PlannedTrials) -> Planned:
     visits = []
     for side in boundaries(table):
         mine = table["boundary"] == side
-        recorded = np.round(table["z_m"][mine] - campaign.rig.offset(side), 9)
+        recorded = np.round(table["z_m"][mine] - campaign.distance_reference(side).offset_m, 9)
         distances[side] = np.unique(recorded).tolist()
         visits.append(mine.sum() / len(distances[side]) / len(np.unique(table["throttle"])))
     sessions = len(np.unique(table["session"])) if "session" in table else 1

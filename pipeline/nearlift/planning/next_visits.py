@@ -123,7 +123,7 @@ def _at(
         notes.append("the order of the trials is unknown: what drifts is not planned for")
     # every scheduled distance by z_hat, measured or not, as the traverse shows it
     mine = np.isin(trials["boundary"], [data.boundary, "none"])
-    shown_m = trials["z_m"][mine] - campaign.rig.offset(data.boundary)
+    shown_m = trials["z_m"][mine] - campaign.distance_reference(data.boundary).offset_m
     shown = dict(zip(trials["z_hat"][mine].tolist(), shown_m.tolist(), strict=True))
     low, high = problem.base.valid_z_hat
     stations = np.array([z for z in shown if low < z <= high or np.isinf(z)])

@@ -21,7 +21,7 @@ from nearlift.errors import ManifestError, UsageError
 from nearlift.observed import Trials
 from nearlift.results import Noise
 from nearlift.results.next_visits import NextVisits
-from nearlift.schedule import BY_NAME, Schedule
+from nearlift.schedule import BY_NAME, SETTINGS, Schedule
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
 
@@ -64,16 +64,13 @@ def plan(campaign: Campaign, listed: tuple[Schedule, str] | None, seed: int) -> 
         There is neither.
     """
     drawn = None
+    trials: Schedule | TrialSchedule
     if listed is not None:
-        schedule, source = listed
-        settings, visit, logged = schedule.settings, schedule.visit, dict(schedule.covariates)
+        trials, source = listed
+        logged = dict(trials.covariates)
     elif campaign.design is not None:
-        drawn, source = draw(campaign, seed), "[design]"
-        z_hat = drawn.z_m / campaign.vehicle.rotor_radius
-        settings = {"trial": drawn.trial, "boundary": drawn.boundary, "z_hat": z_hat}
-        settings |= {"z_m": drawn.z_m, "throttle": drawn.throttle}
-        session = drawn.session.astype(str).astype(object)
-        visit = drawn.visit
+        trials = drawn = draw(campaign, seed)
+        source, session = "[design]", drawn.session.astype(str).astype(object)
         logged = {"start_s": drawn.start_s, "session": session, "approach": drawn.approach}
     else:
         raise UsageError(
@@ -81,6 +78,9 @@ def plan(campaign: Campaign, listed: tuple[Schedule, str] | None, seed: int) -> 
             "has neither a schedule with trials nor a [design]",
             "write [design] with distances, throttles, visits and sessions",
         )
+    settings = {name: getattr(trials, name) for name in SETTINGS if name != "z_hat"}
+    settings["z_hat"] = trials.z_m / campaign.vehicle.rotor_radius
+    visit = trials.visit
     n = len(visit)
     far_N, assumed = _levels(campaign, settings["throttle"])
     table = {**settings, "lift_N": far_N, "u_lift_N": np.zeros(n), "n_eff": np.ones(n)}
@@ -106,7 +106,7 @@ def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Trial
     drawn = randomised(
         wanted.distances,
         seed=seed,
-        offset_m={side: campaign.rig.offset(side) for side in wanted.distances},
+        offset_m={side: campaign.distance_reference(side).offset_m for side in wanted.distances},
         throttles=wanted.throttles,
         visits=wanted.visits,
         sessions=wanted.sessions,

@@ -27,7 +27,7 @@ from nearlift.readers.sweep import is_sweep
 from nearlift.reduction import quality
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.reduction.samples import Conditions
-from nearlift.schedule import RECORD_COLUMN, Schedule, read_schedule, schedule_file
+from nearlift.schedule import RECORD_COLUMN, SETTINGS, Schedule, read_schedule, schedule_file
 
 #: What a manifest says wrong if all records carry a code.
 _LENGTHS = "; correct tare, settle or sample_rate under [load_cell]"
@@ -337,7 +337,7 @@ def _table(
             fault[i] = "; ".join(filter(None, (fault[i], excluded[named])))
     texts = [quality.joined(c) for c in codes]
     return {
-        **schedule.settings,
+        **{name: getattr(schedule, name) for name in SETTINGS},
         **columns,
         "quality": np.array(texts, dtype=object),
         "visit": schedule.visit,

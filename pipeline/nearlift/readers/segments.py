@@ -25,7 +25,7 @@ from nearlift.readers.base import Reader, Record, names_of, pick
 from nearlift.readers.files import Piece, packing
 from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
-from nearlift.reduction.mean_noise import spectral_density_at_zero
+from nearlift.reduction.mean_noise import part_of
 from nearlift.schedule import (
     BY_NAME,
     OUTCOMES,
@@ -265,7 +265,7 @@ def _less_zero(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[fl
     for sign, part in ((1.0, values), (-1.0, zero)):
         known = part[np.isfinite(part)]
         if len(known):
-            density, run = spectral_density_at_zero(known, rate_Hz, tone=False)
+            _, density, run = part_of(known, rate_Hz, tone=False)
             total += sign * run.mean
             variance += density / run.n
     return (total, math.sqrt(variance)) if np.isfinite(values).any() else (math.nan, math.nan)
@@ -301,7 +301,7 @@ def schedule_of_trials(
     assert section is not None
     read, notes = read_columns(campaign, root)
     rows, bring = rename_records(campaign, root, read)
-    ids = rows["trial"].stripped().tolist()
+    ids = list(rows["trial"].texts)
     cut = [(i, p) for i, record in enumerate(ids) for p in pieces.get(record) or [CutPiece()]]
     places, trials = [i for i, _ in cut], [piece for _, piece in cut]
     columns = {

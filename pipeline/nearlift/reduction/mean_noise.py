@@ -48,15 +48,8 @@ class RecordPart(NamedTuple):
 
 
 def part_of(values: FloatArray, rate_Hz: float, *, tone: bool) -> RecordPart:
-    """The part of a record that these samples are; `tone`: the rotors ran."""
-    return RecordPart(values, *spectral_density_at_zero(values, rate_Hz, tone=tone))
-
-
-def spectral_density_at_zero(
-    values: FloatArray, rate_Hz: float, *, tone: bool = True
-) -> tuple[float, Stretch]:
-    """Variance of the mean of samples (n,) times n, N^2, and the stretch with the batch means that
-    it was made from.
+    """Samples (n,) with the variance of their mean times n, N^2, and the stretch with the batch
+    means that it was made from.
 
     `tone` says whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer
     batches to keep them long. Biased low by noise whose correlation time is not short against a
@@ -67,11 +60,12 @@ def spectral_density_at_zero(
     half = max(n // (BATCHES if tone else TARE_BATCHES), least) // 2
     run = stretch(values, half if half >= 2 else 0)
     if half < 2:
-        return run.squares / max(n - 1, 1), run
+        return RecordPart(values, run.squares / max(n - 1, 1), run)
     means = run.batches
     # each mean is taken from the record's own mean, which shares 1/n of its variance
     # not by BLAS: a record that will be rejected may hold inf
-    return float(np.add.reduce(means * means)) / len(means) / (run.gain - 1.0 / n), run
+    density = float(np.add.reduce(means * means)) / len(means) / (run.gain - 1.0 / n)
+    return RecordPart(values, density, run)
 
 
 def outlasting(
