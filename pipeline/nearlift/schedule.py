@@ -654,7 +654,8 @@ def visits(
     rows["session"] = "" if session is None else session
     if not ordered:
         rows["approach"] = 0.0 if approach is None else approach
-        return rows.groupby([*rows], sort=False, dropna=False).ngroup().to_numpy(np.int64)
+        stops = rows.groupby([*rows], sort=False, dropna=False).ngroup()
+        return np.asarray(stops, dtype=np.int64)
     moved = (rows != rows.shift()).any(axis=1).to_numpy()
     if approach is not None:
         # an unknown side is the one before
