@@ -39,7 +39,9 @@ Unbounded = Annotated[float, _null_as(math.inf)]
 Above = Annotated[float, _null_as(math.inf)]
 Below = Annotated[float, _null_as(-math.inf)]
 #: A number as a key, with six digits.
-NumberKey = Annotated[float, PlainSerializer("{:g}".format, return_type=str, when_used="json")]
+NumberKey = Annotated[
+    float, PlainSerializer(lambda number: f"{number:g}", return_type=str, when_used="json")
+]
 #: A field whose key is left out where it is None.
 IfAny = Annotated[Typed | None, Field(exclude_if=lambda value: value is None)]
 #: A field that is not written.
