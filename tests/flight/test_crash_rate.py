@@ -78,9 +78,8 @@ def test_every_run_tests_its_own_step():
     assert good.converged
     assert not bad.converged
     assert bad.worst > 0.2
-    assert (bad.halved_s, bad.flights) == (0.05, 50)
     both = combined([good, bad])
-    assert (both.converged, both.worst, both.step_s, both.settings) == (False, bad.worst, 0.1, 6)
+    assert (both.converged, both.worst, both.step_s) == (False, bad.worst, 0.1)
     assert combined([good, good]).converged
 
 
@@ -100,7 +99,7 @@ def test_a_level_is_read_across_no_gap_wider_than_half_its_interval():
     """
     curves, coarse = paper.scaled_curves("ground", (1.0,)), np.array([0.4, 0.6, 0.8])
     how = CONVERGED.simulation("ground", 200, KEY)
-    flown, step_test = sweep(how, curves, coarse, risks=(0.5,))
+    flown, _ = sweep(how, curves, coarse, risks=(0.5,))
     weights = crash_rate.resamples(200, np.random.default_rng(1))
     values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], 0.5, weights)
     low, high = crash_rate.spread90(values)
@@ -111,7 +110,6 @@ def test_a_level_is_read_across_no_gap_wider_than_half_its_interval():
     dense = (how.ended(curves, fine) >= 0).mean(axis=1)
     assert values[0] == pytest.approx(crash_rate.level(fine, dense, 0.5, 0.0025), abs=0.003)
     assert {0.4, 0.6, 0.8} <= set(flown.target_z_hat)
-    assert step_test.settings == 3
     assert np.array_equal(sweep(how, curves, coarse)[0].target_z_hat, coarse)
 
 

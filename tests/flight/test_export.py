@@ -20,10 +20,8 @@ from tests.unit.manifests import raw_manifest
 from nearlift import catalogue
 from nearlift.declare import Check, compose
 from nearlift.errors import InputRefused
-from nearlift.flight.export.model_export import ModelExport, exported, json_schema
-from nearlift.flight.export.source import c_header
+from nearlift.flight.export.lift_model import ModelExport, c_header, exported, json_schema
 from nearlift.flight.export.table import lift_table
-from nearlift.models.images import IMAGES_EDGE
 from nearlift.results import Estimate
 from nearlift.results.document import as_json, typed
 from nearlift.run import tables
@@ -105,23 +103,23 @@ PROGRAM = """
 #include "lift_model.h"
 #include <stdio.h>
 #include <string.h>
-static int put(double a, double b, double c, double d, int flag)
+static int put(double a, double b, double c, int flag)
 {
-    const double row[5] = {a, b, c, d, (double)flag};
+    const double row[4] = {a, b, c, (double)flag};
     return fwrite(row, sizeof row, 1, stdout) != 1;
 }
 #define LIFT(name) \\
     if (!strcmp(argv[1], #name)) { \\
         while (fread(z, sizeof *z, 1, stdin) == 1) { \\
             const nearlift_lift f = CAMPAIGN(name)(*z); \\
-            if (put((double)f.ratio, (double)f.slope, (double)f.u_ratio, (double)f.u_slope, f.flag)) return 1; \\
+            if (put((double)f.ratio, (double)f.slope, (double)f.u_ratio, f.flag)) return 1; \\
         } \\
     }
 #define HEIGHT(name) \\
     if (!strcmp(argv[1], #name)) { \\
         while (fread(z, sizeof *z, 2, stdin) == 2) { \\
             const nearlift_height f = CAMPAIGN(name)(z[0], z[1]); \\
-            if (put((double)f.z_m, (double)f.u_m, 0.0, 0.0, f.flag)) return 1; \\
+            if (put((double)f.z_m, (double)f.u_m, 0.0, f.flag)) return 1; \\
         } \\
     }
 int main(int argc, char **argv)
@@ -157,7 +155,7 @@ def build(folder, named, compiler, *flags):
             capture_output=True,
             check=True,
         )
-        return np.frombuffer(done.stdout).reshape(-1, 5)
+        return np.frombuffer(done.stdout).reshape(-1, 4)
 
     return call, real
 
@@ -180,7 +178,7 @@ def test_the_compiled_header_is_the_model(job, named, lifts, tmp_path, compiler,
             slope = (lift.ratio()(z_hat + 1e-6) - lift.ratio()(z_hat - 1e-6)) / (2e-6 * radius)
             where = f"{compiler} {flags} {side}"
             at = call(side, z_m)
-            assert not at[:, 4].any(), where
+            assert not at[:, 3].any(), where
             assert np.max(np.abs(at[:, 0] / truth - 1)) < (2e-7 if doubles else FLOAT), where
             steepest = np.max(np.abs(slope))
             assert np.max(np.abs(at[:, 1] - slope)) < SLOPE * steepest, where
@@ -196,7 +194,7 @@ def outside(call, lift, side, radius, where):
     near, far = (float(r) for r in lift.ratio()(np.array([low, high])))
     z_hat = np.array([0, -3, -inf, math.nan, -math.nan, 2 * high, inf, 1e30])
     at = call(side, radius * z_hat)
-    assert at[:, 4].tolist() == [-1, -1, -1, 2, 2, 1, 1, 1], where
+    assert at[:, 3].tolist() == [-1, -1, -1, 2, 2, 1, 1, 1], where
     assert np.isfinite(at).all(), where
     assert at[:3, 0] == pytest.approx(near, rel=FLOAT)
     assert at[3:5, 0].tolist() == [1.0, 1.0]
@@ -205,13 +203,13 @@ def outside(call, lift, side, radius, where):
     assert (at[:5, 1] == 0).all()
     # no step and no kink at the last station
     inner, outer = call(side, radius * high * np.array([1 - 1e-5, 1 + 1e-5]))
-    assert (inner[4], outer[4]) == (0, 1)
+    assert (inner[3], outer[3]) == (0, 1)
     assert outer[0] == pytest.approx(inner[0], rel=FLOAT)
     assert outer[1] == pytest.approx(inner[1], rel=2e-3, abs=1e-9)
     beyond, width = near + (near - far), radius * (high - low)
     asked = [[beyond, 0.01], [far - (near - far), 0.01], [math.nan, 0.01], [near, math.nan]]
     back = call(f"{side}_height", asked)
-    assert back[:, 4].tolist() == [-1, 1, 2, 2], where
+    assert back[:, 3].tolist() == [-1, 1, 2, 2], where
     assert back[:, 0] == pytest.approx(radius * np.array([low, high, high, high]), rel=1e-6)
     assert back[:, 1] == pytest.approx(width, rel=1e-5)
 
@@ -225,12 +223,8 @@ def test_standard_uncertainties_are_those_of_the_draws(job, named, tmp_path, sid
         job.campaign.vehicle.rotor_radius,
     )
     z_hat = np.geomspace(*lift.measured_z_hat, 41)[1:-1]
-    steps = 1e-5 * z_hat
-    slopes = (lift.drawn(z_hat + steps) - lift.drawn(z_hat - steps)) / (2 * steps * radius)
-    at = call(side, radius * z_hat)
-    for column, draws in ((2, lift.drawn(z_hat)), (3, slopes)):
-        u = np.std(draws, axis=0)
-        assert at[:, column] == pytest.approx(u, rel=0.06, abs=0.012 * u.max())
+    at, u = call(side, radius * z_hat), np.std(lift.drawn(z_hat), axis=0)
+    assert at[:, 2] == pytest.approx(u, rel=0.06, abs=0.012 * u.max())
     # of a distance: both uncertainties over the slope
     back = call(f"{side}_height", np.stack([at[:, 0], np.full(len(z_hat), 0.004)], axis=1))
     expected = np.hypot(at[:, 2], 0.004) / np.abs(at[:, 1])
@@ -276,32 +270,9 @@ def test_the_header_says_where_it_comes_from(job, named):
     assert re.search(
         r"ceiling: .* with near_wall_saturation; valid for 0.12 <= z_hat <= 10.5", text
     )
-    assert re.search(r"at z_hat = \S+: \S+ \(90 %: \S+ to \S+\)", text)
 
 
 # ---- what is exported
-
-
-def test_a_model_of_each_rotor_is_exported_rotor_by_rotor(lifts):
-    """A row of three: the middle rotor has two neighbours near, so it gains most."""
-    images = catalogue.model("images")
-    layout = np.array([[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]])
-    row = exported(
-        replace(
-            lifts["ground"],
-            model=images,
-            arguments={"layout_hat": layout},
-            left=("height_offset",),
-            **NOTHING_FREE,
-        )
-    )
-    z_hat = np.geomspace(1.2, 10, 50)
-    each = np.stack([rotor(z_hat) for rotor in row.rotors])
-    assert each.mean(axis=0) == pytest.approx(images(z_hat, layout_hat=layout), rel=1e-6)
-    assert (each[1] > each[0]).all()
-    text = c_header(whole(row))
-    assert "nearlift_c_ground_rotor2(nearlift_real z_m)" in text
-    assert "height_offset was found too and is left out: it belongs to the bench" in text
 
 
 def other_model(job, name, parameters, tilt_rad=None):
@@ -323,12 +294,6 @@ def test_what_a_model_needs_is_known_or_refused_and_never_taken_for_one(remake):
         other_model(remake("ground", rig=rig), "images_edge", ()), "ground", 2
     )
     assert at_edge.arguments["edge_hat"] == pytest.approx(10 / 23)
-    level = np.array([0.6, 1.0, 3.0])
-    layout = at_edge.arguments["layout_hat"]
-    each = exported(replace(at_edge, measured_z_hat=(0.6, 5.0))).rotors
-    assert np.mean([rotor(level) for rotor in each], axis=0) == pytest.approx(
-        IMAGES_EDGE(level, layout_hat=layout, edge_hat=10 / 23), rel=1e-6
-    )
     with pytest.raises(InputRefused, match="lift between two boundaries is for fits"):
         quoted.fitted_lift(
             other_model(remake("ground", rig=rig), "corridor", ("kappa",)), "ground", 2

@@ -17,8 +17,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from nearlift import catalogue
-from nearlift.flight.export.model_export import ModelExport, exported
-from nearlift.flight.export.source import c_header, python_module
+from nearlift.flight.export.lift_model import ModelExport, c_header, exported, python_module
 from nearlift.flight.quoted_lift import QuotedLift
 
 R = 0.023
@@ -103,7 +102,7 @@ def numbers(*command: object) -> np.ndarray:
 @needs_compiler
 def test_c_prints_ratio_and_distance(folder: Path, tmp_path: Path) -> None:
     found = numbers(compiled(folder, tmp_path, program("C")))
-    ratio, slope, u_ratio, u_slope, flag, z_m, u_m, z_flag = found
+    ratio, slope, u_ratio, flag, z_m, u_m, z_flag = found
     step = 1e-6
     near, at, far = MODEL(np.array([0.04 - step, 0.04, 0.04 + step]) / R, **GEOMETRY, K_b=2.0)
     assert (flag, z_flag) == (0, 0)
@@ -111,7 +110,6 @@ def test_c_prints_ratio_and_distance(folder: Path, tmp_path: Path) -> None:
     assert slope == pytest.approx((far - near) / (2 * step), rel=1e-4)
     assert MODEL(z_m / R, **GEOMETRY, K_b=2.0) == pytest.approx(1.05, rel=1e-5)
     assert u_ratio > 0
-    assert u_slope > 0
     assert u_m > 0.004 / abs(slope)
 
 

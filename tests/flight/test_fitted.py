@@ -299,7 +299,7 @@ def test_products_state_what_flew(flown):
 def test_safety_json(flown):
     job, _ = flown
     content = job.read_json(SAFETY)
-    assert content["schema"] == "nearlift.safety/1"
+    assert content["schema"] == "nearlift.safety/2"
     own = content["fitted"]["ground"]
     # a Crazyflie of the paper's size: its gains to 2 %
     gains = [own["gains"][k] for k in ("kP", "kD", "kI")]
@@ -392,7 +392,6 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(
     ("changes", "error", "words"),
     [
         ({"risks": [0.001]}, UsageError, "cannot be seen in 40 flights\n.*3000"),
-        ({"presets": ["printed"]}, ManifestError, "'printed' is not a preset"),
         ({"step": "0.03 s"}, ManifestError, "no whole part"),
         (
             {"set_points": {"ground": [0.5, 1.2]}},
@@ -458,6 +457,7 @@ def test_contact_is_measured_from_the_datum(remake):
         ({"risks": [0.0]}, r"simulate.risks.0: Input should be greater than 0"),
         ({"risks": [1.5]}, r"simulate.risks.0: Input should be less than 1"),
         ({"presets": ["paper", "paper"]}, r"simulate.presets: names one of its values twice"),
+        ({"presets": ["printed"]}, r"simulate.presets.0: .*'paper' or 'converged'"),
         ({"maps": False}, r"simulate.maps"),
         (
             {

@@ -1,20 +1,35 @@
-"""Detection ranges and distances from readings: products, figure, chapter and command."""
+"""Height from lift: the inverse, its coverage, folds, the range of detection; products, figure,
+chapter and command.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from markupsafe import escape
+from scipy import stats
 from tests.unit import quoted, small_run
 from tests.unit.small_run import nearlift
 
+from nearlift import catalogue
 from nearlift.campaign.forecasts import LiftReading
-from nearlift.errors import ManifestError
-from nearlift.flight.proximity import read
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.flight.proximity import (
+    BoundarySensor,
+    change_needed,
+    grid,
+    locate,
+    ratio_of_hover,
+    reach,
+    reaches,
+    read,
+    refuse_folds,
+)
 from nearlift.report.figures.files import render
 from nearlift.report.figures.style import Style
 from nearlift.report.registry import FIGURES
@@ -25,7 +40,134 @@ from nearlift.stages.diagnose import DIAGNOSIS, quoted_lifts
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.gathering import gather
 
+CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
+FAR = grid(0.8, 12.0)
+
+
+def ground(z_hat, K_b=2.0):
+    return catalogue.model("sanchez_cuevas")(z_hat, K_b=K_b, **CRAZYFLIE)
+
+
+def wall(z_hat, a=0.05, lambda_=0.5):
+    return 1 - a * np.exp(-z_hat / lambda_)
+
+
+# ---- distance from a reading
+
+
+def test_a_sharp_reading_is_inverted():
+    for z_hat in (1.0, 1.5, 2.5):
+        height = locate(float(ground(z_hat)), 5e-4, FAR, ground(FAR)[None])
+        assert height.median == pytest.approx(z_hat, rel=0.02)
+        assert height.lo90 <= z_hat <= height.hi90
+        assert height.beyond < 1e-6
+    # as wide as the reading's error over the model's slope
+    slope = float(ground(2.51) - ground(2.49)) / 0.02
+    assert height.hi90 - height.lo90 == pytest.approx(2 * 1.645 * 5e-4 / abs(slope), rel=0.15)
+    draws = np.stack([ground(FAR, k) for k in np.linspace(1, 3, 21)])
+    sure, unsure = (locate(float(ground(1.5)), 0.002, FAR, r) for r in (ground(FAR)[None], draws))
+    assert unsure.hi90 - unsure.lo90 > 2 * (sure.hi90 - sure.lo90)
+
+
+@pytest.mark.nightly
+def test_intervals_hold_the_height_as_often_as_they_say():
+    """Heights from the prior, models from their uncertainty, readings with noise: 90 % intervals of
+    300; binomial sd 1.7 %.
+    """
+    rng = np.random.default_rng(5)
+    low, high, u = 0.8, 6.0, 0.004
+    near = grid(low, high)
+    draws = np.stack([ground(near, k) for k in rng.normal(2, 0.3, 80)])
+    held = 0
+    for _ in range(300):
+        z_hat = math.exp(rng.uniform(math.log(low), math.log(high)))
+        measured = float(ground(z_hat, rng.normal(2, 0.3))) + u * rng.standard_normal()
+        height = locate(measured, u, near, draws)
+        held += height.lo90 <= z_hat <= height.hi90
+    assert 0.82 < held / 300 < 0.97
+
+
+def test_a_reading_of_one_says_that_there_may_be_nothing():
+    assert locate(1.12, 0.003, FAR, ground(FAR)[None]).beyond < 1e-6
+    far = locate(1.0, 0.003, FAR, ground(FAR)[None])
+    assert far.beyond > 0.5
+    assert far.lo90 > 5
+    # lift is L_inf to 0.1 %, and a ground within one radius gives 7 % more: both likelihoods
+    # underflow
+    near = grid(0.5, 1.0)
+    nothing = locate(1.0, 0.001, near, 1 / (1 - 1 / (16 * near[None] ** 2)))
+    assert nothing.beyond == pytest.approx(1.0)
+    assert 0.99 < nothing.lo90 <= nothing.median <= nothing.hi90 <= 1.0
+
+
+def test_refusals():
+    def folded(z):
+        return 1 + 0.2 * np.exp(-z) - 0.4 * np.exp(-3 * z)
+
+    z_hat, near = grid(0.2, 10.0), grid(0.1, 10.0)
+    words = r"ground x: the model folds at z_hat = 0.8.*two heights\n.*above 0.8"
+    with pytest.raises(InputRefused, match=words):
+        refuse_folds(z_hat, folded(z_hat), "ground x")
+    refuse_folds(grid(1.0, 10.0), folded(grid(1.0, 10.0)), "ground x")
+    refuse_folds(z_hat, wall(z_hat), "sidewall")
+    with pytest.raises(InputRefused, match="does not change with distance"):
+        refuse_folds(z_hat, np.ones_like(z_hat), "wall")
+    refuse_folds(z_hat, np.ones_like(z_hat), "a draw at a bound", constant=True)
+    with pytest.raises(InputRefused, match=r"no value at z_hat = 0.2"):
+        refuse_folds(near, catalogue.model("cheeseman_bennett_fixed")(near), "ground")
+    with pytest.raises(InputRefused, match="standard uncertainties from everything"):
+        locate(2.0, 0.001, FAR, ground(FAR)[None])
+    with pytest.raises(InputRefused, match="positive standard uncertainty"):
+        locate(1.1, 0.0, FAR, ground(FAR)[None])
+
+
+def test_hover_throttle_is_a_lift_ratio():
+    """Far away the vehicle hovers at 0.5; near the ground at less: the ratio is weight over what
+    that throttle lifts far away.
+    """
+    far = {0.25: 0.107, 0.5: 0.2646, 0.75: 0.409}
+    assert ratio_of_hover(0.5, 0.2646, 0.0, far, 0.0) == pytest.approx((1.0, 0.0))
+    ratio, u = ratio_of_hover(0.45, 0.2646, 0.03, far, 0.04)
+    assert ratio > 1.1
+    assert u == pytest.approx(0.05 * ratio)
+    # between 0.25 and 0.5 lift scales as throttle to this power, and so does 1 % of throttle
+    power = math.log(0.2646 / 0.107) / math.log(2)
+    u_throttle = ratio_of_hover(0.45, 0.2646, 0.0, far, 0.0, 0.0045)[1]
+    assert u_throttle == pytest.approx(ratio * power * 0.01)
+    with pytest.raises(InputRefused, match=r"0.9 is outside 0.25 to 0.75"):
+        ratio_of_hover(0.9, 0.2646, 0.0, far, 0.0)
+
+
+# ---- range
+
+
+def test_alarms_and_misses_happen_as_often_as_asked():
+    """40 000 readings with and without the change that is noticed: rates to 4 binomial sd."""
+    rng, sigma = np.random.default_rng(2), 0.006
+    change = change_needed(sigma, 0.01, 0.1)
+    threshold = sigma * stats.norm.isf(0.01)
+    noise = sigma * rng.standard_normal(40_000)
+    assert (noise > threshold).mean() == pytest.approx(0.01, abs=0.002)
+    assert (change + noise < threshold).mean() == pytest.approx(0.1, abs=0.006)
+
+
+def test_range_is_where_the_model_gives_that_change():
+    z_hat, near = reach(FAR, ground(FAR), 0.03), grid(0.02, 10.0)
+    assert float(ground(z_hat)) - 1 == pytest.approx(0.03, rel=1e-3)
+    assert reach(near, wall(near), 0.02) == pytest.approx(0.5 * math.log(2.5), rel=1e-3)
+    assert np.isnan(reach(near, wall(near), 0.06))
+    assert reach(FAR, ground(FAR), 1e-9) == pytest.approx(12.0)
+    # draws without a range count as zero
+    draws = [wall(near, a) for a in (0.05, *np.linspace(0.03, 0.07, 40))]
+    best, low, high = reaches(near, np.stack(draws), 0.04)
+    assert 0.0 == low < best < high
+
+
+# ---- products
+
+
 SENSOR = {"force_noise": "3 mN", "force_bandwidth": "50 Hz"}
+(FIGURE,) = (s for s in FIGURES if s.name == "detection")
 
 
 @pytest.fixture(scope="module")
@@ -34,32 +176,33 @@ def done(remake):
     return job, detect.run(job)
 
 
-def test_ranges(done):
-    job, _ = done
+def reading(job, **given):
+    return read(quoted_lifts(job), LiftReading.model_validate({"boundary": "ground"} | given))
+
+
+def test_products(done):
+    job, outcome = done
     table = job.read(DETECTION)
     assert set(table["boundary"]) == {"ground", "ceiling", "sidewall"}
-    ground = {
-        (p, t): z
-        for b, p, t, z in zip(
-            *(table[k] for k in ("boundary", "payload", "averaging_s", "range_z_hat")), strict=True
-        )
-        if b == "ground"
-    }
-    assert ground[0.0, 0.1] < ground[0.0, 10.0]
-    assert not ground[0.05, 100.0] > 0.5 * ground[0.0, 100.0]
+    near_ground = table["boundary"] == "ground"
+    columns = (table[k][near_ground] for k in ("payload", "averaging_s", "range_z_hat"))
+    z_hat = {(p, t): z for p, t, z in zip(*columns, strict=True)}
+    assert z_hat[0.0, 0.1] < z_hat[0.0, 10.0]
+    # an unknown payload limits what averaging can do
+    assert not z_hat[0.05, 100.0] > 0.5 * z_hat[0.0, 100.0]
     assert table["range_m"] == pytest.approx(0.023 * table["range_z_hat"], nan_ok=True)
     wall = (table["boundary"] == "sidewall") & (table["payload"] >= 0.05)
     assert np.isnan(table["range_z_hat"][wall]).all()
     assert (table["hi90"][wall] == 0).all()
-
-
-def test_located(done):
-    job, outcome = done
     content = job.read_json(PROXIMITY)["boundaries"]
     for side in ("ground", "ceiling", "sidewall"):
         near, far = content[side]["located"][0], content[side]["located"][-1]
         assert near["lo90"] <= near["median"] <= near["hi90"]
         assert far["beyond"] > near["beyond"]
+        significant, lift = content[side]["significant"], quoted.fitted_lift(job, side, 2)
+        change = float(lift.ratio()(np.array([significant["z_hat"]]))[0]) - 1
+        assert abs(change) == pytest.approx(0.02, abs=1e-4)
+        assert significant["lo90"] <= significant["z_hat"] <= significant["hi90"]
     assert content["sidewall"]["largest_change"] < 0 < content["ground"]["largest_change"]
     assert outcome.notes == ()
 
@@ -74,57 +217,51 @@ def test_supply_costs_range(remake, done):
     assert after["needed"][~worse] == pytest.approx(before["needed"])
     assert (after["needed"][worse] > before["needed"]).all()
     evidence = gather(both)
-    (spec,) = (s for s in FIGURES if s.name == "detection")
-    table = spec.table(evidence)
-    drawn = set(table["case"][table["row"] == "range"])
-    assert drawn == {
+    table = FIGURE.table(evidence)
+    assert set(table["case"][table["row"] == "range"]) == {
         "weight and supply known exactly",
         "weight ±1 %",
         "weight ±5 %",
         "supply voltage ±2 %",
     }
-    assert "e+0" not in spec.caption(evidence, table)
-    # one number stands for a list of one
+    assert "e+0" not in FIGURE.caption(evidence, table)
+    # one number means a list of one
     assert remake("ground", detect={"supply": "2 percent"}).campaign.detect.supply == [0.02]
 
 
 def test_a_reading_becomes_a_distance(done):
     """The ratio that the fitted model has at 1.5 radii, and the throttle at which a vehicle would
-    hover there, say 1.5 radii.
+    hover there, give 1.5 radii.
     """
     job, _ = done
-    belief = quoted.fitted_lift(job, "ground", 50)
-    ratio = float(belief.ratio()(np.array([1.5]))[0])
-    found = read(
-        quoted_lifts(job),
-        LiftReading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"}),
-    )
-    assert found.z_hat.lo90 < 1.5 < found.z_hat.hi90
-    assert found.z_hat.median == pytest.approx(1.5, rel=0.05)
-    assert found.z_m.median == pytest.approx(0.023 * found.z_hat.median)
-    assert found.beyond < 1e-3
-    assert "11.5: below 0.01 % (50 % before" in found.text
-    assert "z_hat = 1.5 (90 %: 1." in found.text.replace("1.49 ", "1.5 ").replace(
-        "1.51 ", "1.5 "
-    ).replace("1.52 ", "1.5 ")
-    # lift goes as throttle^1.4 here: the throttle that lifts weight / ratio far away
-    hover = (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)
-    given = {"boundary": "ground", "throttle": f"{100 * hover} percent", "u": "0 percent"}
-    told = read(quoted_lifts(job), LiftReading.model_validate(given))
-    assert told.ratio == pytest.approx(ratio, rel=0.02)
-    assert told.z_hat.lo90 < 1.5 < told.z_hat.hi90
-    wider = read(
-        quoted_lifts(job),
-        LiftReading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"}),
-    )
-    assert wider.u == pytest.approx(
-        math.hypot(told.u, 0.01 * told.ratio, 0.02 * told.ratio), rel=1e-3
-    )
-    heavier = read(
-        quoted_lifts(job),
-        LiftReading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}),
-    )
-    assert heavier.ratio == pytest.approx(told.ratio * 28 / 27)
+    ratio = float(quoted.fitted_lift(job, "ground", 50).ratio()(np.array([1.5]))[0])
+    by_ratio = reading(job, ratio=ratio, u="0.3 percent")
+    assert by_ratio.z_hat.lo90 < 1.5 < by_ratio.z_hat.hi90
+    assert by_ratio.z_hat.median == pytest.approx(1.5, rel=0.05)
+    assert by_ratio.z_m.median == pytest.approx(0.023 * by_ratio.z_hat.median)
+    assert by_ratio.beyond < 1e-3
+    assert re.search(r"z_hat = 1.\d+ \(90 %: 1.", by_ratio.text)
+    assert "11.5: below 0.01 % (50 % before" in by_ratio.text
+    # lift scales as throttle^1.4 here: the throttle that lifts weight / ratio far away
+    hover = {"throttle": f"{100 * (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)} percent"}
+    exact = reading(job, **hover, u="0 percent")
+    assert exact.ratio == pytest.approx(ratio, rel=0.02)
+    assert exact.z_hat.lo90 < 1.5 < exact.z_hat.hi90
+    wider = reading(job, **hover, u="0 percent", weight="1 percent", supply="1 percent")
+    expected = math.hypot(exact.u, 0.01 * exact.ratio, 0.02 * exact.ratio)
+    assert wider.u == pytest.approx(expected, rel=1e-3)
+    heavier = reading(job, **hover, u="0 percent", mass="28 g", weight="2 percent")
+    assert heavier.ratio == pytest.approx(exact.ratio * 28 / 27)
+
+
+def test_one_reading_does_not_distinguish_ground_from_ceiling(done):
+    job, _ = done
+    height = reading(job, ratio=1.08, u="0.5 percent")
+    assert set(height.alike) == {"ceiling"}
+    ceiling = quoted.fitted_lift(job, "ceiling", 2).ratio()
+    assert float(ceiling(np.array([height.alike["ceiling"]]))[0]) == pytest.approx(1.08, abs=1e-4)
+    assert "one reading cannot distinguish them" in height.text
+    assert reading(job, boundary="sidewall", ratio=0.98, u="0.5 percent").alike == {}
 
 
 def test_readings_in_the_manifest(remake):
@@ -145,10 +282,8 @@ def test_readings_in_the_manifest(remake):
     first, second, _ = text.partition("Readings of the manifest")[2].split('<th scope="row">')[1:]
     assert 'data-source="proximity.json#/readings/0/z_hat/median"' in first
     assert f'<td colspan="5">{escape(outside["refused"])}</td>' in second
-    (spec,) = (s for s in FIGURES if s.name == "detection")
-    table = spec.table(evidence)
+    table = FIGURE.table(evidence)
     assert (table["row"] == "reading").sum() == 1
-    assert render(spec.draw, table, Style())["png"].startswith(b"\x89PNG")
     with pytest.raises(ManifestError, match="one of both"):
         remake("ground", detect={"reading": [{"boundary": "ground", "u": "1 percent"}]})
 
@@ -157,92 +292,63 @@ def test_the_command_line_takes_a_reading(tmp_path):
     raw = small_run.write(tmp_path / "raw")
     for stage in ("ingest", "reduce", "fit"):
         assert nearlift(stage, raw, "--out", tmp_path, "-q").exit_code == 0
-    reading = ("--boundary", "ground", "--ratio", "1.1", "--u", "1 percent")
-    found = nearlift("detect", raw, "--out", tmp_path, *reading)
-    assert found.exit_code == 0, found.output
-    assert "ground, sanchez_cuevas: L/L_inf = 1.1 +- 0.01\nz_hat = " in found.stdout
-    told = json.loads(nearlift("detect", raw, "--out", tmp_path, *reading, "--json").stdout)
-    assert told["z_hat"]["lo90"] < told["z_hat"]["median"] < told["z_hat"]["hi90"]
-    hover = nearlift(
-        "detect",
-        raw,
-        "--out",
-        tmp_path,
-        "--boundary",
-        "ground",
-        "--throttle",
-        "50 percent",
-        "--u",
-        "0.5 percent",
-        "--mass",
-        "27 g",
-    )
+
+    def asked(**options):
+        words = [w for name, value in options.items() for w in (f"--{name}", value)]
+        return nearlift("detect", raw, "--out", tmp_path, *words)
+
+    by_ratio = {"boundary": "ground", "ratio": "1.1", "u": "1 percent"}
+    answer = asked(**by_ratio)
+    assert answer.exit_code == 0, answer.output
+    assert "ground, sanchez_cuevas: L/L_inf = 1.1 +- 0.01\nz_hat = " in answer.stdout
+    z_hat = json.loads(nearlift("detect", raw, "--out", tmp_path, "--json", *(
+        w for name, value in by_ratio.items() for w in (f"--{name}", value)
+    )).stdout)["z_hat"]  # fmt: skip
+    assert z_hat["lo90"] < z_hat["median"] < z_hat["hi90"]
+    hover = asked(boundary="ground", throttle="50 percent", u="0.5 percent", mass="27 g")
     assert "(hover at 50 % throttle)" in hover.stdout
     assert not (tmp_path / "processed" / small_run.NAME / "proximity.json").exists()
-    for words, code, said in (
-        (("--ratio", "1.1"), 2, "--boundary: is missing"),
-        (
-            ("--boundary", "ceiling", "--ratio", "1.1", "--u", "1 percent"),
-            2,
-            "nothing was fitted at the ceiling",
-        ),
-        (("--boundary", "ground", "--ratio", "1.1"), 2, "u: is missing"),
-        (("--boundary", "ground", "--u", "1 percent"), 2, "one of both"),
-        (
-            ("--boundary", "ground", "--ratio", "3", "--u", "1 percent"),
-            4,
-            "standard uncertainties from everything",
-        ),
+    for changed, code, words in (
+        ({"boundary": None, "u": None}, 2, "--boundary: is missing"),
+        ({"boundary": "ceiling"}, 2, "nothing was fitted at the ceiling"),
+        ({"u": None}, 2, "u: is missing"),
+        ({"ratio": None}, 2, "one of both"),
+        ({"ratio": "3"}, 4, "standard uncertainties from everything"),
     ):
-        found = nearlift("detect", raw, "--out", tmp_path, *words)
-        assert found.exit_code == code
-        assert said in found.stderr
+        refused = asked(**{k: v for k, v in (by_ratio | changed).items() if v is not None})
+        assert refused.exit_code == code
+        assert words in refused.stderr
 
 
-def test_without_a_sensor_the_bench_s_own_noise_counts(remake):
-    job = remake("ground", detect={})
-    detect.run(job)
-    own, fitted = job.read_json(PROXIMITY)["boundaries"]["ground"], job.load(FitResults)
+def test_the_sensor_s_noise_and_the_bench_s_floor(remake):
+    """Of the manifest's force sensor, else of the bench's records."""
+    bench, flown = (
+        BoundarySensor(quoted_lifts(remake("ground", detect=given)), "ground")
+        for given in ({}, SENSOR)
+    )
+    fitted = remake("ground").load(FitResults)
     far = fitted.of_base("ground").L_inf_N.values()
     floor = math.hypot(fitted.noise["ground"].relative, np.median([e.u / e.value for e in far]))
-    assert own["floor"] == pytest.approx(floor)
-    # a sensor in the vehicle reads against the same bench's model and L_inf
-    flown = remake("ground", detect=SENSOR)
-    detect.run(flown)
-    ground = flown.read_json(PROXIMITY)["boundaries"]["ground"]
-    assert ground["floor"] == pytest.approx(floor)
-    weight_N = flown.campaign.vehicle.mass * flown.campaign.rig.gravity
+    assert bench.floor == flown.floor == pytest.approx(floor)
     # 3 mN, white up to 50 Hz
-    assert ground["short_per_sqrt_Hz"] == pytest.approx(3e-3 / weight_N / 10)
+    assert flown.short == pytest.approx(3e-3 / (0.027 * 9.8) / 10)
+    sigma = flown.sigma(4.0, payload=0.002, voltage=0.01)
+    assert sigma == pytest.approx(math.hypot(flown.short / 2, floor, 0.002, 0.02))
+    # 2 mN after 4 s, by the bench's own records
+    trials = bench.quoted.trials
+    records = {"u_lift_N": np.full(len(trials["n"]), 2e-3), "n": np.full(len(trials["n"]), 4000)}
+    cell = bench.quoted.campaign.load_cell.model_copy(update={"sample_rate": 1000.0})
+    campaign = bench.quoted.campaign.model_copy(update={"load_cell": cell})
+    noisy = replace(bench.quoted, trials={**trials, **records}, campaign=campaign)
+    expected = 2e-3 * math.sqrt(4) / (0.027 * 9.8)
+    assert BoundarySensor(noisy, "ground").short == pytest.approx(expected)
 
 
-def test_distances_of_significance(remake, done):
-    """From how near lift changes by more than 2 %, and by what the manifest asks."""
-    job, _ = done
-    for side in ("ground", "ceiling", "sidewall"):
-        own = job.read_json(PROXIMITY)["boundaries"][side]
-        found, lift = own["significant"], quoted.fitted_lift(job, side, 2)
-        assert abs(float(lift.ratio()(np.array([found["z_hat"]]))[0]) - 1) == pytest.approx(
-            0.02, abs=1e-4
-        )
-        assert found["lo90"] <= found["z_hat"] <= found["hi90"]
+def test_a_change_that_no_measured_height_has(remake):
     never = remake("sidewall", detect=SENSOR | {"significant": "20 percent"})
     detect.run(never)
     assert never.read_json(PROXIMITY)["boundaries"]["sidewall"]["significant"]["z_hat"] is None
     assert ">not measured<" in small_run.chapter(gather(never), "proximity")
-
-
-def test_one_reading_does_not_tell_ground_from_ceiling(done):
-    job, _ = done
-    asked = {"boundary": "ground", "ratio": 1.08, "u": "0.5 percent"}
-    found = read(quoted_lifts(job), LiftReading.model_validate(asked))
-    (at,) = found.alike.values()
-    assert set(found.alike) == {"ceiling"}
-    ceiling = quoted.fitted_lift(job, "ceiling", 2)
-    assert float(ceiling.ratio()(np.array([at]))[0]) == pytest.approx(1.08, abs=1e-4)
-    assert "one reading does not tell them apart" in found.text
-    lower = LiftReading.model_validate(asked | {"boundary": "sidewall", "ratio": 0.98})
-    assert read(quoted_lifts(job), lower).alike == {}
 
 
 def test_a_model_that_folds_is_not_inverted_and_said_so(remake):
@@ -258,14 +364,13 @@ def test_a_model_that_folds_is_not_inverted_and_said_so(remake):
 def test_figure_and_chapter(done):
     job, _ = done
     evidence = gather(job)
-    (spec,) = (s for s in FIGURES if s.name == "detection")
-    table = spec.table(evidence)
-    assert render(spec.draw, table, Style())["png"].startswith(b"\x89PNG")
-    assert "1 % false alarms and 10 % misses" in spec.caption(evidence, table)
+    table = FIGURE.table(evidence)
+    assert render(FIGURE.draw, table, Style())["png"].startswith(b"\x89PNG")
+    assert "1 % false alarms and 10 % misses" in FIGURE.caption(evidence, table)
     assert set(table[table["row"] == "floor"]["panel"]) <= {"ground", "ceiling", "sidewall"}
     text = small_run.chapter(evidence, "proximity")
-    table = text.partition("Distance of a significant change of lift")[2]
-    rows = re.findall(r'<tr><th scope="row">(\w+)</th>', table)
+    listed = text.partition("Distance of a significant change of lift")[2]
+    rows = re.findall(r'<tr><th scope="row">(\w+)</th>', listed)
     assert rows[:3] == ["Ground", "Ceiling", "Sidewall"]
 
 
@@ -283,10 +388,8 @@ def test_lift_far_away_and_its_noise_are_those_of_the_accepted_model(remake):
     }
     job.write_json(DIAGNOSIS, quoted.diagnosis({"ground": block}))
     quoted.write(job, {"ground": block})
-    detect.run(job)
-    floor = job.read_json(PROXIMITY)["boundaries"]["ground"]["floor"]
+    floor = BoundarySensor(quoted_lifts(job), "ground").floor
     assert floor == pytest.approx(math.hypot(0.003, 0.001 / 1.02))
-    hover = {"boundary": "ground", "throttle": "50 percent", "u": "0 percent"}
-    found = read(quoted_lifts(job), LiftReading.model_validate(hover | {"mass": "26 g"}))
-    assert found.ratio == pytest.approx(0.026 * 9.8 / (1.02 * base[0.5].value))
-    assert found.u == pytest.approx(found.ratio * 0.001 / 1.02)
+    hover = reading(job, throttle="50 percent", u="0 percent", mass="26 g")
+    assert hover.ratio == pytest.approx(0.026 * 9.8 / (1.02 * base[0.5].value))
+    assert hover.u == pytest.approx(hover.ratio * 0.001 / 1.02)

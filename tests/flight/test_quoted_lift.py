@@ -54,7 +54,9 @@ def test_an_effect_of_the_vehicle_flies_with_the_joint_draws(remake):
     assert lift.draws["sag_exponent"].std() == pytest.approx(0.1 / 1.645, rel=0.15)
     both = np.corrcoef(lift.draws["K_b"], lift.draws["sag_exponent"])
     assert both[0, 1] == pytest.approx(-0.8, abs=0.08)
-    assert lift.droop(0.9 * lift.supply_V[0]) == pytest.approx(0.81 - 1)
+    droop = lift.droop(0.9 * lift.supply_V[0])
+    exponents = [2.0, *lift.draws["sag_exponent"]]
+    assert droop == pytest.approx(0.9 ** np.array(exponents) - 1)
     # the sag is in time: at the start of a flight the ratio is the bare model's
     bare = catalogue.model("sanchez_cuevas")(
         1.5, K_b=1.8, spacing_hat=65 / 23, diagonal_hat=np.sqrt(2) * 65 / 23
@@ -130,7 +132,7 @@ def test_a_model_without_free_parameters_flies_is_detected_and_exported(make_job
     )
     simulate.run(job)
     own = job.read_json(SAFETY)["fitted"]["ground"]
-    assert (own["draws"], own["levels"][0]["model_only"][0]) == (1, own["levels"][0]["value"])
+    assert (own["draws"], len(own["levels"])) == (1, 1)
     detect.run(job)
     ranges = job.read(DETECTION)
     assert ranges["lo90"] == pytest.approx(ranges["hi90"])

@@ -1,7 +1,8 @@
-"""Simulated flights: tables, gusts, schemes, and their independence of blocks and workers."""
+"""Simulated flights: tables, gusts, schemes, groups, and independence of blocks and workers."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,27 +12,20 @@ from scipy import stats
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flight import paper
-from nearlift.flight.paper import AS_PRINTED, CONVERGED, CRAZYFLIE_AS_PRINTED
-from nearlift.flight.simulation import normals, steps_per_hold, tabulate
-from nearlift.flight.vehicle import Craft, dimensionless
+from nearlift.flight.paper import (
+    AS_PRINTED,
+    CEILING_GAINS,
+    CONVERGED,
+    CRAZYFLIE_AS_PRINTED,
+    DISTURBANCE,
+    GAINS,
+)
+from nearlift.flight.simulation import normals, tabulate
+from nearlift.flight.vehicle import Craft, Gains, dimensionless, poles, refuse_unstable
 from nearlift.run.workers import open_executor
 
 KEY = 20210401
 NO_BOUNDARY = tabulate([np.ones_like], 0.5)
-
-
-def test_a_step_that_does_not_divide_the_hold_is_refused_with_one_that_does():
-    assert steps_per_hold(0.1, 0.025) == 4
-    with pytest.raises(ManifestError, match=r"0.03 s is no whole part of the 0.1 s.*\n.*0.0333"):
-        steps_per_hold(0.1, 0.03)
-
-
-def test_a_ratio_without_a_value_is_refused():
-    model = catalogue.model("cheeseman_bennett_fixed")
-    with pytest.raises(InputRefused, match=r"L / L_inf has no value at z_hat = 0.2"):
-        tabulate([lambda z: model(z)], 0.1)
-    with pytest.raises(InputRefused, match="20 leaves no range"):
-        tabulate([np.ones_like], 20.0)
 
 
 def test_the_table_is_the_model():
@@ -40,6 +34,11 @@ def test_the_table_is_the_model():
     z_hat = np.linspace(0.5, 15, 999)
     assert curves.at(z_hat)[0] == pytest.approx(model(z_hat, **paper.GEOMETRY), abs=1e-4)
     assert curves.at(np.array([0.1]))[0, 0] == pytest.approx(model(0.5, **paper.GEOMETRY))
+    singular = catalogue.model("cheeseman_bennett_fixed")
+    with pytest.raises(InputRefused, match=r"L / L_inf has no value at z_hat = 0.2"):
+        tabulate([lambda z: singular(z)], 0.1)
+    with pytest.raises(InputRefused, match="20 leaves no range"):
+        tabulate([np.ones_like], 20.0)
 
 
 def test_runge_kutta_and_fine_euler_crash_alike():
@@ -68,31 +67,14 @@ def test_workers_blocks_and_order_change_nothing(workers):
     assert np.array_equal(replace(how, flights=60).ended(NO_BOUNDARY, targets), alone[:, :60])
 
 
-def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
-    """A vehicle of three times the size and ten times the mass, its gains and gusts carried over:
-    the same flights crash.
-    """
-    groups = paper.groups("ground")
-    big = Craft(radius_m=0.07, mass_kg=0.4, gravity_m_s2=9.81, density_kg_m3=1.1, C_L=2.5, rotors=4)
-    carried = dimensionless(
-        big, groups.gains(big), groups.disturbance(big), groups.duration * big.time_s
-    )
-    unscaled = dimensionless(big, paper.GAINS["ground"], paper.DISTURBANCE, 120.0)
-    how = AS_PRINTED.simulation("ground", 150, KEY)
-    one, two, other = (
-        replace(how, groups=g).ended(NO_BOUNDARY, [0.9, 1.0, 1.1, 1.2]) >= 0
-        for g in (groups, carried, unscaled)
-    )
-    assert (one != two).mean() < 0.01  # rounding may part a flight that grazes the ground
-    assert (one.mean(axis=1) < other.mean(axis=1))[1:].all()
-    assert carried.alpha == pytest.approx(groups.alpha)
-    assert groups.gains(CRAZYFLIE_AS_PRINTED).kP == pytest.approx(-316)
-
-
-def test_a_sagging_supply_crashes_more():
+def test_supply_and_slow_gusts_crash_more():
     how = CONVERGED.simulation("ground", 300, KEY)
     steady, sagging = (how.ended(NO_BOUNDARY, 1.0, 0, [0.0, -0.2]) >= 0).sum(axis=1)
     assert sagging > steady + 30
+    how = AS_PRINTED.simulation("ground", 200, KEY)
+    slow = replace(how.groups, correlation=3 * how.groups.hold)
+    crashed = (replace(how, groups=slow).ended(NO_BOUNDARY, 1.5) >= 0).mean()
+    assert crashed > (how.ended(NO_BOUNDARY, 1.5) >= 0).mean() + 0.1
 
 
 def test_a_trace_is_the_flight_that_was_counted():
@@ -105,16 +87,6 @@ def test_a_trace_is_the_flight_that_was_counted():
     assert np.nanmin(how.trace(NO_BOUNDARY, 1.0, 0, living)) > 0
 
 
-def test_other_flights_meet_other_gusts():
-    how = CONVERGED.simulation("ground", 60, KEY)
-    first, other, again = (
-        h.ended(NO_BOUNDARY, 0.9) >= 0 for h in (how, how.others(), how.others().others())
-    )
-    assert 0 < other.sum() < 60
-    assert (first != other).any()
-    assert (again == first).all()
-
-
 def test_gusts_of_flights_and_keys_are_independent_normals_addressed_by_number():
     assert np.array_equal(normals(1, 2, 5), normals(1, 2, 1000)[:5])
     across = np.array([normals(1, f, 500) for f in range(200)])
@@ -124,9 +96,57 @@ def test_gusts_of_flights_and_keys_are_independent_normals_addressed_by_number()
     assert not np.intersect1d(normals(1, 0, 500), normals(2, 0, 500)).size
 
 
-def test_gusts_that_last_longer_crash_more():
-    """Gusts that last longer carry more flights into the ground."""
-    how = AS_PRINTED.simulation("ground", 200, KEY)
-    slow = replace(how.groups, correlation=3 * how.groups.hold)
-    crashed = (replace(how, groups=slow).ended(NO_BOUNDARY, 1.5) >= 0).mean()
-    assert crashed > (how.ended(NO_BOUNDARY, 1.5) >= 0).mean() + 0.1
+# ---- groups and gains
+
+
+def test_groups_are_the_paper_s():
+    groups = dimensionless(CRAZYFLIE_AS_PRINTED, CEILING_GAINS, DISTURBANCE, 120.0)
+    scale = 4 * 1.6 * 1.2 / 0.027
+    assert groups.alpha == pytest.approx(316 * math.sqrt(scale * 0.023**6 / 9.8))
+    assert groups.beta == pytest.approx(316 * math.sqrt(scale * 0.023**5))
+    assert groups.gamma == pytest.approx(31.6 * math.sqrt(scale * 0.023**7 / 9.8**2))
+    assert (groups.delta, round(groups.hold, 2)) == (1.0, 2.06)
+    back = groups.gains(CRAZYFLIE_AS_PRINTED)
+    assert (back.kP, back.kD, back.kI) == pytest.approx((316, 316, 31.6))
+
+
+def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
+    """A vehicle of three times the size and ten times the mass, its gains and gusts carried over:
+    the same flights crash.
+    """
+    groups = paper.groups("ground")
+    big = Craft(radius_m=0.07, mass_kg=0.4, gravity_m_s2=9.81, density_kg_m3=1.1, C_L=2.5, rotors=4)
+    carried = dimensionless(
+        big, groups.gains(big), groups.disturbance(big), groups.duration * big.time_s
+    )
+    unscaled = dimensionless(big, GAINS["ground"], DISTURBANCE, 120.0)
+    how = AS_PRINTED.simulation("ground", 150, KEY)
+    one, two, other = (
+        replace(how, groups=g).ended(NO_BOUNDARY, [0.9, 1.0, 1.1, 1.2]) >= 0
+        for g in (groups, carried, unscaled)
+    )
+    assert (one != two).mean() < 0.01  # rounding may part a flight that grazes the ground
+    assert (one.mean(axis=1) < other.mean(axis=1))[1:].all()
+    assert carried.alpha == pytest.approx(groups.alpha)
+
+
+@pytest.mark.parametrize(
+    ("gains", "boundary", "words"),
+    [
+        (CEILING_GAINS, "ground", r"gains.ground: kP = 316.*unstable.*too low must.*\n.*negative"),
+        (GAINS["ground"], "ceiling", r"gains.ceiling.*too close must slow its rotors\n.*positive"),
+        (Gains(kP=-316, kD=316, kI=-31.6), "ground", "want one sign"),
+        (Gains(kP=0, kD=-316, kI=0), "ground", "without both"),
+    ],
+)
+def test_unstable_gains_are_refused_with_the_reason(gains, boundary, words):
+    with pytest.raises(ManifestError, match=words):
+        refuse_unstable(gains, CRAZYFLIE_AS_PRINTED, boundary)
+
+
+def test_the_paper_s_gains_are_stable_with_the_right_sign():
+    for boundary, gains in GAINS.items():
+        refuse_unstable(gains, CRAZYFLIE_AS_PRINTED, boundary)
+    assert sorted(poles(CEILING_GAINS, CRAZYFLIE_AS_PRINTED, "ceiling").real) == pytest.approx(
+        [-16.6, -0.945, -0.113], abs=0.05
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -124,7 +124,9 @@ class Simulate(Section):
     """
 
     flights: int = Field(default=1000, ge=20, le=1_000_000)
-    presets: Annotated[list[str], AfterValidator(_unlike)] = Field(default=["paper", "converged"])
+    presets: Annotated[list[Literal["paper", "converged"]], AfterValidator(_unlike)] = Field(
+        default=["paper", "converged"]
+    )
     gains: dict[Flown, GainSet] = Field(default={})
     gusts: Gusts | None = None
     mass: Mass | None = None

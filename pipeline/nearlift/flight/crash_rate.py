@@ -5,20 +5,22 @@ set-point (level) for a given risk.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
-from nearlift.declare import FloatArray, IntArray
+from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.errors import UsageError
 from nearlift.flight import energy
 from nearlift.flight.simulation import Curves, Simulation
 from nearlift.randomness import generator
 from nearlift.results.document import IfAny, Real
 
-Rows = list[dict[str, object]]
+#: Rows of a product.
+Rows = list[dict[Any, Any]]
 #: Bootstrap resamples of the flights for the interval of a level.
 RESAMPLES = 400
 #: Least number of crashes that must be expected at a risk.
@@ -44,19 +46,16 @@ def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]
 
 
 def refuse_few(risk: float, flights: int) -> None:
-    """Refuse a risk too small for the number of flights.
+    """Refuse a risk at which fewer than three crashes are expected.
 
     Raises
     ------
     UsageError
-        Fewer than three crashes are expected at that risk; says how many flights would do.
+        States how many flights would do.
     """
     if risk * flights < LEAST_CRASHES:
-        raise UsageError(
-            "risk",
-            f"{risk:g} cannot be seen in {flights} flights",
-            f"fly at least {math.ceil(LEAST_CRASHES / risk)}",
-        )
+        what = f"{risk:g} cannot be seen in {flights} flights"
+        raise UsageError("risk", what, f"fly at least {math.ceil(LEAST_CRASHES / risk)}")
 
 
 # ---- levels
@@ -105,7 +104,7 @@ def resamples(flights: int, rng: np.random.Generator) -> FloatArray:
 
 
 def levels(
-    target_z_hat: FloatArray, crashed: NDArray[np.bool_], risk: float, weights: FloatArray
+    target_z_hat: FloatArray, crashed: BoolArray, risk: float, weights: FloatArray
 ) -> FloatArray:
     """Levels under the bootstrap weights of `resamples`, (RESAMPLES,), the first as flown; each
     weight is common to all set-points, as the gusts are.
@@ -120,95 +119,28 @@ def spread90(values: FloatArray) -> tuple[float, float]:
     return low, high
 
 
-def wide_gaps(target_z_hat: FloatArray, resampled: FloatArray) -> set[float]:
-    """Set-points to add so that no level is interpolated over a gap wider than half its interval.
-
-    `resampled` are the levels of one curve under resampling, the first as flown. Empty where the
-    level and the ends of its interval lie in narrow gaps; a gap of FINEST is always narrow.
-    """
-    low, high = spread90(resampled)
-    allowed = max(FINEST, 0.5 * (high - low)) if np.isfinite(high - low) else FINEST
-    middles = set()
-    for at in (low, high, resampled[0]):
-        if np.isfinite(at) and at > target_z_hat[0]:
-            i = int(np.searchsorted(target_z_hat, at))
-            below, above = float(target_z_hat[i - 1]), float(target_z_hat[i])
-            if above - below > allowed:
-                middles.add(round(0.5 * (below + above), 6))
-    return middles
-
-
-# ---- time step
+# ---- sweeps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepTest:
-    """Change of crash rates on halving the time step: the largest, and its set-point.
+    """Largest change of a crash rate on halving the time step `step_s`, and its set-point.
 
-    `beyond` is the number of settings whose two crash rates lie outside each other's binomial 90 %
-    intervals. A step has converged if it is 0.
+    The step has converged if no two rates lie outside each other's binomial 90 % intervals.
     """
 
     converged: bool
     worst: Real
     worst_target_z_hat: Real
-    beyond: int
-    settings: int
-    flights: int
     step_s: Real
-    halved_s: Real
 
     @property
     def warning(self) -> str:
         """Message for a step that is too long."""
         return (
             f"a step of {self.step_s:g} s is too long: halving it changes the crash rate by"
-            f" {self.worst:.2f} at z_hat {self.worst_target_z_hat:g} ({self.beyond} of"
-            f" {self.settings} settings leave their interval)"
+            f" {self.worst:.2f} at z_hat {self.worst_target_z_hat:g}"
         )
-
-
-def halved_step(
-    how: Simulation,
-    curves: Curves,
-    target_z_hat: FloatArray,
-    curve: IntArray,
-    droop: float,
-    crashed: NDArray[np.bool_],
-) -> StepTest:
-    """Step test of settings (n,) on a share of the flights; `crashed` (n, flights) as flown."""
-    flights = min(max(round(CHECKED * how.flights), LEAST_CHECKED), how.flights)
-    halved = replace(how, flights=flights, steps_per_hold=2 * how.steps_per_hold)
-    fine = (halved.ended(curves, target_z_hat, curve, droop) >= 0).sum(axis=1)
-    both = np.stack([crashed[:, :flights].sum(axis=1), fine])
-    low, high = binomial90(both[::-1], flights)
-    # each rate outside the other's interval: one flight among few makes no difference
-    outside = ((both / flights < low) | (both / flights > high)).all(axis=0)
-    change = np.abs(both[1] - both[0]) / flights
-    worst = int(change.argmax())
-    return StepTest(
-        converged=not bool(outside.any()),
-        worst=float(change[worst]),
-        worst_target_z_hat=float(target_z_hat[worst]),
-        beyond=int(outside.sum()),
-        settings=len(curve),
-        flights=flights,
-        step_s=how.step_s,
-        halved_s=how.step_s / 2,
-    )
-
-
-def combined(parts: Sequence[StepTest]) -> StepTest:
-    """Several tests as one, with step and worst change of the one that changed most."""
-    return replace(
-        max(parts, key=lambda c: c.worst),
-        converged=all(c.converged for c in parts),
-        beyond=sum(c.beyond for c in parts),
-        settings=sum(c.settings for c in parts),
-    )
-
-
-# ---- sweeps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,12 +150,10 @@ class Sweep:
     """
 
     target_z_hat: FloatArray
-    crashed: NDArray[np.bool_]
+    crashed: BoolArray
     ratio: FloatArray
 
-    def rows(
-        self, curve: int, held: energy.Held, labels: Mapping[str, object]
-    ) -> Iterator[dict[str, object]]:
+    def rows(self, curve: int, held: energy.Held, **labels: object) -> Rows:
         """Rows of crash_rates.parquet of one curve; `labels` are its identifying columns."""
         flights = int(self.crashed.shape[2])
         crashes, ratio = self.crashed[curve].sum(axis=1), self.ratio[curve]
@@ -231,6 +161,7 @@ class Sweep:
         cheapest, cost, dearest = energy.cost(ratio, held)
         columns = {
             "target_z_hat": self.target_z_hat,
+            "flights": flights,
             "crashes": crashes,
             "rate": crashes / flights,
             "lo90": low,
@@ -241,8 +172,7 @@ class Sweep:
             "cost_lo": cheapest,
             "cost_hi": dearest,
         }
-        for values in zip(*(column.tolist() for column in columns.values()), strict=True):
-            yield {**labels, "flights": flights, **dict(zip(columns, values, strict=True))}
+        return pd.DataFrame(columns | labels).to_dict("records")
 
 
 def sweep(
@@ -265,7 +195,7 @@ def sweep(
         order = np.argsort(z_hat)
         z_hat, crashed = z_hat[order], np.concatenate([crashed, more], axis=1)[:, order]
         wanted = set[float]().union(
-            *(wide_gaps(z_hat, levels(z_hat, c, r, weights)) for r in risks for c in crashed)
+            *(_wide_gaps(z_hat, levels(z_hat, c, r, weights)) for r in risks for c in crashed)
         )
         new = np.array(sorted(wanted - set(z_hat.tolist())))
         if not len(new):
@@ -279,3 +209,53 @@ def sweep(
     curve, at = np.nonzero(tested)
     step_test = halved_step(how, curves, z_hat[at], curve, droop, crashed[tested])
     return Sweep(target_z_hat=z_hat, crashed=crashed, ratio=curves.at(z_hat)), step_test
+
+
+def _wide_gaps(target_z_hat: FloatArray, resampled: FloatArray) -> set[float]:
+    """Set-points to add so that no level is interpolated over a gap wider than half its interval.
+
+    `resampled` are the levels of one curve under resampling, the first as flown. Empty where the
+    level and the ends of its interval lie in narrow gaps; a gap of FINEST is always narrow.
+    """
+    low, high = spread90(resampled)
+    allowed = max(FINEST, 0.5 * (high - low)) if np.isfinite(high - low) else FINEST
+    middles = set()
+    for at in (low, high, resampled[0]):
+        if np.isfinite(at) and at > target_z_hat[0]:
+            i = int(np.searchsorted(target_z_hat, at))
+            below, above = float(target_z_hat[i - 1]), float(target_z_hat[i])
+            if above - below > allowed:
+                middles.add(round(0.5 * (below + above), 6))
+    return middles
+
+
+def halved_step(
+    how: Simulation,
+    curves: Curves,
+    target_z_hat: FloatArray,
+    curve: IntArray,
+    droop: float,
+    crashed: BoolArray,
+) -> StepTest:
+    """Step test of settings (n,) on a share of the flights; `crashed` (n, flights) as flown."""
+    flights = min(max(round(CHECKED * how.flights), LEAST_CHECKED), how.flights)
+    halved = replace(how, flights=flights, steps_per_hold=2 * how.steps_per_hold)
+    fine = (halved.ended(curves, target_z_hat, curve, droop) >= 0).sum(axis=1)
+    both = np.stack([crashed[:, :flights].sum(axis=1), fine])
+    low, high = binomial90(both[::-1], flights)
+    # each rate outside the other's interval: one flight among few makes no difference
+    outside = ((both / flights < low) | (both / flights > high)).all(axis=0)
+    change = np.abs(both[1] - both[0]) / flights
+    worst = int(change.argmax())
+    return StepTest(
+        converged=not bool(outside.any()),
+        worst=float(change[worst]),
+        worst_target_z_hat=float(target_z_hat[worst]),
+        step_s=how.step_s,
+    )
+
+
+def combined(parts: Sequence[StepTest]) -> StepTest:
+    """Several tests as one, with the worst change of all."""
+    worst = max(parts, key=lambda c: c.worst)
+    return replace(worst, converged=all(c.converged for c in parts))

@@ -12,16 +12,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.campaign.forecasts import Simulate
-from nearlift.declare import Boundary
+from nearlift.declare import BoolArray, Boundary
 from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate, energy, paper
 from nearlift.flight.crash_rate import CrashLevel, Rows, StepTest, Sweep, sweep
 from nearlift.flight.quoted_lift import QuotedLift
 from nearlift.flight.roll import Roll
-from nearlift.flight.simulation import Simulation, Spread, steps_per_hold, tabulate
+from nearlift.flight.simulation import Simulation, Spread, tabulate
 from nearlift.flight.vehicle import (
     Craft,
     Disturbance,
@@ -36,6 +35,8 @@ from nearlift.results.quotation import Results
 
 #: Least number of flights behind a set-point that is advised.
 ADVISED_FLIGHTS = 1000
+#: Bit of the key that gives other flights other gusts.
+OTHERS = 1 << 40
 #: Tolerance, in rotor radii, on the agreement of the set-points of both extrapolations.
 ALIKE = 0.05
 #: Lowest and highest default set-point above the height of contact, in rotor radii.
@@ -52,8 +53,6 @@ class FittedLevel(CrashLevel):
 
     Attributes
     ----------
-    model_only : (float, float)
-        Interval of the model alone.
     held : float
         Level with lift held below the nearest station.
     agrees : bool
@@ -68,7 +67,6 @@ class FittedLevel(CrashLevel):
         Interval of the crash rate by those.
     """
 
-    model_only: tuple[Real, Real]
     held: Real
     agrees: bool
     without_model: Real
@@ -111,7 +109,6 @@ class FittedFlights:
     title: str
     parameters: dict[str, Real]
     effects: tuple[str, ...]
-    left_on_the_bench: tuple[str, ...]
     draws_from: str
     draws: int
     contact_z_hat: Real
@@ -134,7 +131,7 @@ class SafetyResult:
     roll near a wall.
     """
 
-    schema: str = "nearlift.safety/1"
+    schema: str = "nearlift.safety/2"
     presets: Mapping[str, paper.PresetFlights]
     fitted: Mapping[Boundary, FittedFlights]
     roll: IfAny[Roll] = None
@@ -162,24 +159,24 @@ def conditions(
         than a gust, or the rotors cannot lift the manifest's mass.
     """
     like, published = paper.CONVERGED, paper.groups(boundary)
-    given, g = chosen.gains.get(boundary), chosen.gusts
     bare = replace(craft, mass_kg=bare_kg or craft.mass_kg)
     gains, gusts = published.gains(bare), published.disturbance(bare)
-    if given:
+    if given := chosen.gains.get(boundary):
         gains = Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
     if chosen.scale_gains:
         # the loop's poles depend on gain over hover frequency
         gains = gains.times(craft.hover_Hz / bare.hover_Hz)
     refuse_unstable(gains, craft, boundary)
-    if g:
+    if g := chosen.gusts:
         gusts = Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation)
-    duration_s = chosen.duration or published.duration * bare.time_s
-    if duration_s < gusts.hold_s:
-        raise ManifestError(
-            "simulate.duration",
-            f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s",
-            "fly at least so long",
-        )
+    hold_s, duration_s = gusts.hold_s, chosen.duration or published.duration * bare.time_s
+    if duration_s < hold_s:
+        what = f"{duration_s:g} s is shorter than one gust of {hold_s:g} s"
+        raise ManifestError("simulate.duration", what, "fly at least so long")
+    steps = max(round(hold_s / chosen.step), 1) if chosen.step else like.steps_per_hold
+    if chosen.step and abs(steps * chosen.step - hold_s) > 1e-9 * hold_s:
+        what = f"{chosen.step:g} s is no whole part of the {hold_s:g} s for which a gust is held"
+        raise ManifestError("simulate.step", what, f"the nearest is {hold_s / steps:g} s")
     if chosen.mass and craft.most_lift_N < craft.weight_N:
         raise ManifestError(
             "simulate.mass",
@@ -191,10 +188,8 @@ def conditions(
         boundary=boundary,
         groups=dimensionless(craft, gains, gusts, duration_s, contact_m / craft.radius_m),
         runge_kutta=like.runge_kutta,
-        hold_s=gusts.hold_s,
-        steps_per_hold=(
-            steps_per_hold(gusts.hold_s, chosen.step) if chosen.step else like.steps_per_hold
-        ),
+        hold_s=hold_s,
+        steps_per_hold=steps,
         flights=chosen.flights,
         key=key,
         spread=spread,
@@ -208,12 +203,7 @@ def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
 
 
 def fitted_flights(
-    lift: QuotedLift,
-    chosen: Simulate,
-    how: Simulation,
-    held: energy.Held,
-    craft: Craft,
-    seed: int,
+    lift: QuotedLift, chosen: Simulate, how: Simulation, held: energy.Held, craft: Craft, seed: int
 ) -> tuple[FittedFlights, Rows]:
     """Entry in safety.json and rows of crash_rates.parquet.
 
@@ -237,15 +227,15 @@ def fitted_flights(
     form, *drawn = lift.ratios
     # the own form is carried down to contact, or to the nearest station if that is lower
     bound = chosen.bound_z_hat.get(boundary, min(contact, nearest))
-    droop = lift.droop(chosen.supply_end)
+    droop, *droops = lift.droop(chosen.supply_end)
     many = replace(how, flights=max(how.flights, ADVISED_FLIGHTS))
     curves = tabulate([np.ones_like, form, lambda z: form(np.maximum(z, nearest))], bound)
     flown, step_test = sweep(many, curves, targets, chosen.risks, droop)
     draw_curves, members = tabulate(drawn, bound), np.arange(lift.number)[:, None]
-    droops = np.array([[lift.droop(chosen.supply_end, m)] for m in range(lift.number)])
+    sags = np.array(droops)[:, None]
     draws = Sweep(
         target_z_hat=flown.target_z_hat,
-        crashed=how.ended(draw_curves, flown.target_z_hat, members, droops) >= 0,
+        crashed=how.ended(draw_curves, flown.target_z_hat, members, sags) >= 0,
         ratio=draw_curves.at(flown.target_z_hat),
     )
     rng = generator(seed, "levels", "fitted", boundary)
@@ -253,7 +243,8 @@ def fitted_flights(
     for risk in chosen.risks:
         level = _level(flown, draws, risk, rng)
         if np.isfinite(level.value):
-            crashes = (many.others().ended(curves, level.value, FORM, droop) >= 0).sum()
+            others = replace(many, key=many.key ^ OTHERS)
+            crashes = (others.ended(curves, level.value, FORM, droop) >= 0).sum()
             low, high = crash_rate.binomial90(crashes, many.flights)
             power = energy.cost(curves.at(np.array([level.value]))[FORM], held)[1]
             level = replace(
@@ -269,7 +260,6 @@ def fitted_flights(
         title=lift.title,
         parameters=dict(lift.best),
         effects=lift.effects,
-        left_on_the_bench=lift.left,
         draws_from=Results.file,
         draws=lift.number,
         contact_z_hat=contact,
@@ -285,31 +275,19 @@ def fitted_flights(
         levels=tuple(levels),
         gains=how.groups.gains(craft),
     )
-    return entry, _rows(lift, how, flown, draws, held)
-
-
-def _rows(lift: QuotedLift, how: Simulation, flown: Sweep, draws: Sweep, held: energy.Held) -> Rows:
-    """Rows of crash_rates.parquet: no boundary, both extrapolations, and every draw."""
-    name = lift.model.name
+    # no boundary, both extrapolations, and every draw
     parts = [
         (flown, NONE, "none", -1, ""),
-        (flown, FORM, name, -1, "form"),
-        (flown, HELD, name, -1, "held"),
-        *((draws, member, name, member, "form") for member in range(lift.number)),
+        (flown, FORM, lift.model.name, -1, "form"),
+        (flown, HELD, lift.model.name, -1, "held"),
+        *((draws, member, lift.model.name, member, "form") for member in range(lift.number)),
     ]
     rows = Rows()
     for part, curve, model, member, below_nearest in parts:
-        labels = {
-            "preset": "fitted",
-            "boundary": how.boundary,
-            "contact_z_hat": how.groups.contact,
-            "model": model,
-            "exponent": float(model != "none"),
-            "member": member,
-            "below_nearest": below_nearest,
-        }
-        rows += part.rows(curve, held, labels)
-    return rows
+        labels = {"preset": "fitted", "boundary": boundary, "contact_z_hat": contact}
+        labels |= {"model": model, "exponent": float(model != "none"), "member": member}
+        rows += part.rows(curve, held, below_nearest=below_nearest, **labels)
+    return entry, rows
 
 
 def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) -> FittedLevel:
@@ -321,7 +299,7 @@ def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) ->
     none, best, held = (crash_rate.levels(z_hat, c, risk, weights) for c in flown.crashed)
     few = draws.crashed.shape[2]
 
-    def as_flown(crashed: NDArray[np.bool_]) -> float:
+    def as_flown(crashed: BoolArray) -> float:
         rate = crashed[:, :few].mean(axis=1)
         return float(crash_rate.level(z_hat, rate, risk, 0.5 / few))
 
@@ -337,7 +315,6 @@ def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) ->
         lo90=lo90,
         hi90=hi90,
         lowest_flown=float(z_hat[0]),
-        model_only=crash_rate.spread90(best[0] + shifts),
         held=float(held[0]),
         agrees=agrees,
         without_model=float(none[0]),

@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
-from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate
 from nearlift.flight.crash_rate import CrashLevel, Rows, StepTest, combined, sweep
 from nearlift.flight.simulation import Curves, Simulation, Spread, tabulate
@@ -49,11 +49,15 @@ SHOWN: dict[Boundary, float] = {"ground": 1.0, "ceiling": 1.75}
 SEARCHED, PICKED = 60, 2
 
 
+def groups(boundary: Boundary) -> Groups:
+    """Dimensionless groups with the paper's gains, signed for the boundary."""
+    return dimensionless(CRAZYFLIE_AS_PRINTED, GAINS[boundary], DISTURBANCE, DURATION_S)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPreset:
     """The paper's vehicle, controller and disturbance, and how they are integrated."""
 
-    name: str
     meaning: str
     runge_kutta: bool
     steps_per_hold: int
@@ -75,34 +79,19 @@ class FlightPreset:
 
 
 AS_PRINTED = FlightPreset(
-    name="paper",
     meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step; a point without feet"
     " that crashes at z_hat = 0",
     runge_kutta=False,
     steps_per_hold=1,
 )
 CONVERGED = FlightPreset(
-    name="converged",
     meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s; a point"
     " without feet that crashes at z_hat = 0",
     runge_kutta=True,
     steps_per_hold=2,
 )
-
-
-def groups(boundary: Boundary) -> Groups:
-    """Dimensionless groups with the paper's gains, signed for the boundary."""
-    return dimensionless(CRAZYFLIE_AS_PRINTED, GAINS[boundary], DISTURBANCE, DURATION_S)
-
-
-def preset(name: str) -> FlightPreset:
-    """Preset of that name; raises ManifestError if there is none."""
-    by_name = {p.name: p for p in (AS_PRINTED, CONVERGED)}
-    if name not in by_name:
-        raise ManifestError(
-            "simulate.presets", f"{name!r} is not a preset", f"presets are {', '.join(by_name)}"
-        )
-    return by_name[name]
+#: Presets by the names that a manifest gives.
+PRESETS = {"paper": AS_PRINTED, "converged": CONVERGED}
 
 
 def scaled_curves(boundary: Boundary, exponents: Sequence[float] = EXPONENTS) -> Curves:
@@ -143,63 +132,44 @@ def published_flights(
     # one bootstrap for all curves: they met the same gusts
     rng = generator(how.key % 2**32, "levels", preset, boundary)
     weights = crash_rate.resamples(how.flights, rng)
-    rows: Rows = []
-    listed, tests = [], []
+    rows, levels, tests = Rows(), [], []
     for k in EXPONENTS:
         flown, step_test = sweep(how, scaled_curves(boundary, (k,)), TARGETS[boundary], risks)
         tests.append(step_test)
-        labels = {
-            "preset": preset,
-            "boundary": boundary,
-            "model": MODELS[boundary] if k else "none",
-            "exponent": k,
-            "member": -1,
-            "below_nearest": "",
-            "contact_z_hat": how.groups.contact,
-        }
-        rows += flown.rows(0, "thrust", labels)
+        labels = {"preset": preset, "boundary": boundary, "exponent": k, "member": -1}
+        labels |= {"below_nearest": "", "contact_z_hat": how.groups.contact}
+        rows += flown.rows(0, "thrust", model=MODELS[boundary] if k else "none", **labels)
         for risk in risks:
             values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], risk, weights)
             lo90, hi90 = crash_rate.spread90(values)
-            listed.append(
+            lowest = float(flown.target_z_hat[0])
+            levels.append(
                 CrashLevel(
-                    exponent=k,
-                    risk=risk,
-                    value=float(values[0]),
-                    lo90=lo90,
-                    hi90=hi90,
-                    lowest_flown=float(flown.target_z_hat[0]),
+                    exponent=k, risk=risk, value=float(values[0]), lo90=lo90, hi90=hi90,
+                    lowest_flown=lowest,
                 )
-            )
+            )  # fmt: skip
     flights = PublishedFlights(
-        convergence=combined(tests), groups=how.groups, flights=how.flights, levels=tuple(listed)
+        convergence=combined(tests), groups=how.groups, flights=how.flights, levels=tuple(levels)
     )
     return flights, rows
 
 
-def histories(preset: FlightPreset, boundary: Boundary, key: int) -> Rows:
+def histories(preset: str, boundary: Boundary, key: int) -> Rows:
     """Rows of flights.parquet: the first flights that end differently with and without the model.
 
     Above a ground they crash only without the model, below a ceiling only with it, as in the
     paper's own illustration. The crash rates count all flights.
     """
-    how, target = preset.simulation(boundary, SEARCHED, key), SHOWN[boundary]
+    how, target = PRESETS[preset].simulation(boundary, SEARCHED, key), SHOWN[boundary]
     curves, both = scaled_curves(boundary, (0.0, 1.0)), np.arange(2)
     crashed = how.ended(curves, target, both) >= 0
     bad, good = (0, 1) if boundary == "ground" else (1, 0)
-    return [
-        {
-            "preset": preset.name,
-            "boundary": boundary,
-            "model": name,
-            "target_z_hat": target,
-            "flight": flight,
-            "t_s": k * DISTURBANCE.hold_s,
-            "z_hat": float(heights[k]),
-        }
-        for flight in np.flatnonzero(crashed[bad] & ~crashed[good])[:PICKED].tolist()
-        for name, heights in zip(
-            ("none", MODELS[boundary]), how.trace(curves, target, both, flight), strict=True
-        )
-        for k in np.flatnonzero(np.isfinite(heights)).tolist()
-    ]
+    t_s, rows = np.arange(how.holds + 1) * DISTURBANCE.hold_s, Rows()
+    for flight in np.flatnonzero(crashed[bad] & ~crashed[good])[:PICKED].tolist():
+        labels = {"preset": preset, "boundary": boundary, "target_z_hat": target, "flight": flight}
+        tracks = how.trace(curves, target, both, flight)
+        for model, z_hat in zip(("none", MODELS[boundary]), tracks, strict=True):
+            track = pd.DataFrame(labels | {"model": model, "t_s": t_s, "z_hat": z_hat})
+            rows += track.dropna().to_dict("records")
+    return rows

@@ -1,4 +1,19 @@
-"""Distance at which each boundary shows in lift, and its place by a reading of lift."""
+"""Proximity from lift: the distance at which each boundary shows, and its place by one reading.
+
+Without a boundary the estimate of L / L_inf scatters about 1 with standard deviation sigma(T). An
+alarm is raised when it departs, in the boundary's direction, by more than k_fa sigma, with k_fa the
+normal quantile of the false-alarm rate. A boundary that changes lift by D is missed at the given
+rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L / L_inf - 1| is D.
+
+    sigma(T)^2 = short^2 / T + floor^2 + payload^2 + supply^2
+
+Averaging over T reduces only `short`, the standard deviation of a one-second average.
+
+Distance from a reading: on a grid, the prior is multiplied by the likelihood of the measured ratio,
+averaged over draws of the model. The hypothesis "beyond" is that of no boundary within the range.
+Where a model has the same ratio at two heights, lift cannot distinguish them, and the inversion is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -6,29 +21,27 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
 
 from nearlift.campaign.forecasts import Detect, LiftReading
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
-from nearlift.flight.detection import (
-    Located,
-    Sensor,
-    change_needed,
-    locate,
-    ratio_of_hover,
-    reach,
-    reaches,
-    refuse_folds,
-)
-from nearlift.flight.quoted_lift import QuotedLift, QuotedLifts
-from nearlift.reduction.quality import rejected
+from nearlift.flight.quoted_lift import QuotedLifts
 from nearlift.results.document import IfAny, Real
 from nearlift.results.quotation import Results
 
 #: Draws of each model.
 DRAWS = 100
+#: Number of heights of the grid, geometrically spaced, and the lowest z_hat.
+GRID, LOWEST = 1200, 1e-3
+#: Largest change of L / L_inf between nodes that counts as rounding.
+FLAT = 1e-9
+#: Prior probability that there is no boundary within the range.
+PRIOR_BEYOND = 0.5
+#: Distance of a refused reading from all that it could mean, in its standard uncertainties.
+TOO_FAR = 10.0
 #: Probabilities below this are stated as a bound: the likelihood's far tails are not known.
 MIN_BEYOND = 1e-4
 #: Exponent of lift over supply voltage where the loop found none: a motor at fixed duty.
@@ -36,6 +49,163 @@ SAG_EXPONENT = 2.0
 #: Number of heights that are inferred, and averaging time of their readings, s.
 N_HEIGHTS, AVERAGING_S = 25, 1.0
 HOUR_S = 3600.0
+
+
+# ---- ratios (..., n) on a grid of heights (n,)
+
+
+def grid(low: float, high: float) -> FloatArray:
+    """Geometrically spaced heights from `low` to `high`: shape (GRID,)."""
+    return np.geomspace(max(low, LOWEST), high, GRID)
+
+
+def refuse_folds(z_hat: FloatArray, ratio: FloatArray, where: str, constant: bool = False) -> None:
+    """Refuse L / L_inf (n,) that is not monotonic over the heights; it may be `constant`.
+
+    Raises
+    ------
+    InputRefused
+        It folds (says above which height it does not), has no value somewhere, or is constant.
+    """
+    refused = partial(InputRefused, where)
+    if not np.isfinite(ratio).all():
+        bad = float(z_hat[~np.isfinite(ratio)].max())
+        raise refused(f"the model has no value at z_hat = {bad:.3g}", f"ask above {bad:.3g}")
+    change = np.diff(ratio)
+    steep = np.flatnonzero(np.abs(change) > FLAT)
+    if not len(steep) and not constant:
+        what = "the model does not change with distance"
+        raise refused(what, "lift says nothing of this boundary")
+    against = steep[change[steep] * change[steep[-1:]] < 0]
+    if len(against):
+        turn = float(z_hat[against[-1] + 1])
+        raise refused(
+            f"the model folds at z_hat = {turn:.3g}: one lift ratio has two heights",
+            f"only heights above {turn:.3g} can be distinguished",
+        )
+
+
+def reach(z_hat: FloatArray, ratio: FloatArray, change: float) -> FloatArray:
+    """Largest height at which |L / L_inf - 1| is at least `change`, interpolated, shape (...).
+
+    It is nan where there is none. At the end of the grid it is a lower bound.
+    """
+    effect, n = np.abs(ratio - 1.0), len(z_hat)
+    enough = effect >= change
+    last = n - 1 - enough[..., ::-1].argmax(axis=-1)
+    i = np.minimum(last, n - 2)
+    a, b = (np.take_along_axis(effect, k[..., None], -1)[..., 0] for k in (i, i + 1))
+    share = (a - change) / np.where(a == b, 1.0, a - b)
+    between = z_hat[i] + (z_hat[i + 1] - z_hat[i]) * share
+    distance = np.where(last == n - 1, z_hat[-1], between)
+    return np.where(enough.any(axis=-1), distance, np.nan)
+
+
+def reaches(z_hat: FloatArray, ratio: FloatArray, change: float) -> tuple[float, float, float]:
+    """`reach` of the first row (the best estimate), and its 90 % interval over the others; those
+    without a range count as zero.
+    """
+    best, *others = reach(z_hat, ratio, change).tolist()
+    lo90, hi90 = np.percentile(np.nan_to_num(others or [best], nan=0.0), [5, 95]).tolist()
+    return best, lo90, hi90
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightPosterior:
+    """Posterior of z_hat, given a boundary within the range; and the posterior probability `beyond`
+    that there is none.
+    """
+
+    median: float
+    lo90: float
+    hi90: float
+    beyond: float
+
+
+def locate(measured: float, u: float, z_hat: FloatArray, ratio: FloatArray) -> HeightPosterior:
+    """Posterior of z_hat from a measured L / L_inf with its standard uncertainty `u`, including
+    sensor, payload and supply.
+
+    `ratio` (draws, n) are draws of the model, each monotonic (see `refuse_folds`). The prior is
+    uniform in ln z_hat over the grid; that there is no boundary within has the probability
+    `PRIOR_BEYOND`.
+
+    Raises
+    ------
+    InputRefused
+        `u` is not positive, or `measured` is over ten `u` both from 1 and from the model's range.
+    """
+    refused, low, high = partial(InputRefused, "measured ratio"), ratio.min(), ratio.max()
+    if not u > 0:
+        raise refused(f"has the uncertainty {u:g}", "give a positive standard uncertainty")
+    outside = float(max(low - measured, measured - high)) / u
+    if min(outside, abs(measured - 1.0) / u) > TOO_FAR:
+        raise refused(
+            f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between"
+            f" {low:.4g} and {high:.4g}",
+            "lift has another cause, or its uncertainty is larger than said",
+        )
+    # both evidences are relative to the larger of the likelihoods at the best height and without a
+    # boundary, so that they cannot both underflow
+    chi2 = ((measured - ratio) / u) ** 2
+    nearest, alone = float(chi2.min()), ((measured - 1.0) / u) ** 2
+    least = min(nearest, alone)
+    log_z = np.log(z_hat)
+    mass = np.exp(-0.5 * (chi2 - nearest)).mean(axis=0) * np.gradient(log_z)
+    within = float(mass.sum() / (log_z[-1] - log_z[0]) * np.exp(-0.5 * (nearest - least)))
+    beyond = PRIOR_BEYOND * math.exp(-0.5 * (alone - least))
+    lo90, median, hi90 = np.interp((0.05, 0.5, 0.95), np.cumsum(mass) / mass.sum(), z_hat).tolist()
+    share = beyond / ((1 - PRIOR_BEYOND) * within + beyond)
+    return HeightPosterior(median=median, lo90=lo90, hi90=hi90, beyond=share)
+
+
+# ---- sensor
+
+
+def change_needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
+    """Relative change of lift that is detected at these rates."""
+    from scipy.special import ndtri
+
+    return float(sigma * (-ndtri(false_alarm_rate) - ndtri(miss_rate)))
+
+
+def ratio_of_hover(
+    throttle: float,
+    weight_N: float,
+    u_weight: float,
+    far: Mapping[float, float],
+    u_lift: float,
+    u_throttle: float = 0.0,
+) -> tuple[float, float]:
+    """L / L_inf at hover (weight, payload included, over lift far away at that throttle) and its
+    standard uncertainty.
+
+    `far` is lift far away, N, by throttle (a fraction); a power law holds between them. `u_weight`
+    and `u_lift` (levels, supply) are relative; `u_throttle` is weighted by the exponent there.
+
+    Raises
+    ------
+    InputRefused
+        The throttle is outside those measured.
+    """
+    levels = sorted(far)
+    if not levels[0] <= throttle <= levels[-1]:
+        raise InputRefused(
+            "throttle",
+            f"{throttle:.3g} is outside {levels[0]:.3g} to {levels[-1]:.3g}, where lift was"
+            " measured",
+            "measure lift at that throttle too",
+        )
+    x, y = np.log(levels), np.log([far[t] for t in levels])
+    ratio = weight_N / math.exp(np.interp(math.log(throttle), x, y))
+    exponent = 0.0
+    if len(levels) > 1:
+        i = int(np.clip(np.searchsorted(levels, throttle), 1, len(levels) - 1))
+        exponent = float((y[i] - y[i - 1]) / (x[i] - x[i - 1]))
+    return ratio, ratio * math.hypot(u_weight, u_lift, exponent * u_throttle / throttle)
+
+
+# ---- results
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,8 +249,8 @@ class HeightReading:
             f" ({1e3 * m.lo90:.3g} to {1e3 * m.hi90:.3g}), if there is a boundary\n"
             f"none between z_hat {low:.3g} and {high:.3g}: {share} % (50 % before the reading)"
             + "".join(
-                f"\na {side} at z_hat {at:.3g} reads the same: one reading does not tell them"
-                " apart; lift that rises in descent does (ground), or in climb (ceiling)"
+                f"\na {side} at z_hat {at:.3g} gives the same ratio: one reading cannot distinguish"
+                " them; lift that rises in descent can (ground), or in climb (ceiling)"
                 for side, at in self.alike.items()
             )
         )
@@ -95,7 +265,7 @@ class RefusedReading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeightTrial(Located):
+class HeightTrial(HeightPosterior):
     """Posterior of the height for a reading of exactly the best estimate at `z_hat`."""
 
     z_hat: float
@@ -147,6 +317,183 @@ class ProximityResult:
     readings: tuple[HeightReading | RefusedReading, ...]
 
 
+# ---- one boundary of a campaign
+
+
+class BoundarySensor:
+    """Lift of one boundary as a sensor of distance: its model on a grid, and its noise.
+
+    The noise is the manifest's, else that of the bench's load cell, whose records show what
+    averaging does. Averaging leaves `floor`: the scatter of the bench's trials and the uncertainty
+    of L_inf.
+    """
+
+    def __init__(self, quoted: QuotedLifts, boundary: Boundary) -> None:
+        self.quoted, self.boundary = quoted, boundary
+        self.chosen = quoted.campaign.detect or Detect()
+        self.lift = quoted.lift(boundary, DRAWS)
+        self.z_hat = grid(*self.lift.measured_z_hat)
+        # the best estimate, then every draw
+        self.ratio = np.stack([ratio(self.z_hat) for ratio in self.lift.ratios])
+        self.sag_exponent = abs(self.lift.best.get("sag_exponent", SAG_EXPONENT))
+        self.levels, scatter = quoted.levels(boundary)
+        self.floor = float(np.hypot(scatter, np.median([u / x for x, u in self.levels.values()])))
+        self.short = self._short()
+
+    def _short(self) -> float:
+        """Standard deviation of a one-second average over weight."""
+        campaign, trials, chosen = self.quoted.campaign, self.quoted.trials, self.chosen
+        weight, rate = campaign.vehicle.mass * campaign.rig.gravity, campaign.load_cell.sample_rate
+        if chosen.force_noise is not None and chosen.force_bandwidth is not None:
+            # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
+            return chosen.force_noise / weight / math.sqrt(2 * chosen.force_bandwidth)
+        mine = self.quoted.accepted_at(self.boundary) & (trials["u_lift_N"] > 0)
+        if not mine.any() or rate is None:
+            return 0.0
+        length_s = trials["n"][mine] / rate
+        return float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
+
+    def sigma(self, averaging_s: float, payload: float, voltage: float) -> float:
+        """Standard deviation of the estimated L / L_inf; `payload` and `voltage` are relative
+        standard uncertainties of weight and supply voltage.
+        """
+        short = self.short / math.sqrt(averaging_s)
+        return math.hypot(short, self.floor, payload, self.sag_exponent * voltage)
+
+    def refuse_ambiguous(self) -> None:
+        """Refuse a lift whose best estimate or any draw has the same ratio at two heights.
+
+        A draw may be constant, where the interval of a coefficient reaches 0.
+        """
+        for i, ratio in enumerate(self.ratio):
+            where = f"{self.boundary} {self.lift.model.name}"
+            refuse_folds(self.z_hat, ratio, where, constant=i > 0)
+
+    def summary(self) -> BoundaryProximity:
+        """Significant range and inferred heights (none where the model folds)."""
+        lift, chosen = self.lift, self.chosen
+        sigma = self.sigma(AVERAGING_S, chosen.payload[0], chosen.supply[0])
+        located, refused = None, None
+        try:
+            self.refuse_ambiguous()
+            heights = np.geomspace(*lift.measured_z_hat, N_HEIGHTS)
+            located = tuple(
+                HeightTrial(
+                    z_hat=z, ratio=r, **asdict(locate(r, sigma, self.z_hat, self.ratio[1:]))
+                )
+                for z, r in zip(heights.tolist(), lift.ratio()(heights).tolist(), strict=True)
+            )
+        except InputRefused as refusal:
+            refused = f"{refusal.what}; {refusal.remedy}"
+        z_hat, lo90, hi90 = reaches(self.z_hat, self.ratio, chosen.significant)
+        return BoundaryProximity(
+            model=lift.model.name,
+            title=lift.title,
+            draws_from=Results.file,
+            effects=lift.effects,
+            measured_z_hat=lift.measured_z_hat,
+            largest_change=lift.largest_change,
+            significant=SignificantHeight(
+                change=chosen.significant, z_hat=z_hat, lo90=lo90, hi90=hi90
+            ),
+            short_per_sqrt_Hz=self.short,
+            floor=self.floor,
+            lift_per_voltage=self.sag_exponent,
+            located=located,
+            refused=refused,
+        )
+
+    def rows(self) -> list[dict[str, object]]:
+        """Rows of detection.parquet: detection ranges over supplies, payloads, averaging times."""
+        chosen, rows = self.chosen, list[dict[str, object]]()
+        for voltage, payload, averaging_s in itertools.product(
+            chosen.supply, chosen.payload, chosen.averaging
+        ):
+            sigma = self.sigma(averaging_s, payload, voltage)
+            change = change_needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
+            best, lo90, hi90 = reaches(self.z_hat, self.ratio, change)
+            rows.append(
+                {
+                    "boundary": self.boundary,
+                    "model": self.lift.model.name,
+                    "averaging_s": averaging_s,
+                    "payload": payload,
+                    "voltage": voltage,
+                    "supply": self.sag_exponent * voltage,
+                    "sigma": sigma,
+                    "false_alarms_per_hour": chosen.false_alarm_rate * HOUR_S / averaging_s,
+                    "needed": change,
+                    "range_z_hat": best,
+                    "lo90": lo90,
+                    "hi90": hi90,
+                    "range_m": best * self.quoted.campaign.vehicle.rotor_radius,
+                }
+            )
+        return rows
+
+    def measured(self, reading: LiftReading) -> tuple[float, float]:
+        """L / L_inf of a reading and its standard uncertainty."""
+        if reading.ratio is not None:
+            # a ratio's `u` includes weight and supply unless they are given; a throttle's never
+            further = math.hypot(reading.weight or 0.0, self.sag_exponent * (reading.supply or 0.0))
+            return reading.ratio, math.hypot(reading.u, reading.ratio * further)
+        throttle, campaign, chosen = reading.throttle or 0.0, self.quoted.campaign, self.chosen
+        supply = chosen.supply[0] if reading.supply is None else reading.supply
+        mass = campaign.vehicle.mass if reading.mass is None else reading.mass
+        levels = sorted(self.levels)
+        u_far = np.interp(throttle, levels, [self.levels[t][1] / self.levels[t][0] for t in levels])
+        return ratio_of_hover(
+            throttle,
+            mass * campaign.rig.gravity,
+            chosen.payload[0] if reading.weight is None else reading.weight,
+            {t: value for t, (value, _) in self.levels.items()},
+            math.hypot(float(u_far), self.sag_exponent * supply),
+            reading.u,
+        )
+
+
+def read(quoted: QuotedLifts, reading: LiftReading) -> HeightReading:
+    """Posterior of z_hat from one reading.
+
+    Raises
+    ------
+    UsageError
+        Nothing was fitted at that boundary.
+    InputRefused
+        The model folds, the throttle is outside those measured, or as `locate`.
+    """
+    fitted = quoted.fits.boundaries
+    if reading.boundary not in fitted:
+        what = f"nothing was fitted at the {reading.boundary}"
+        raise UsageError("boundary", what, f"fitted: {', '.join(fitted)}")
+    sensor = BoundarySensor(quoted, reading.boundary)
+    sensor.refuse_ambiguous()
+    ratio, u = sensor.measured(reading)
+    height = locate(ratio, u, sensor.z_hat, sensor.ratio[1:])
+    z_hat, z_m = (
+        HeightInterval(median=r * height.median, lo90=r * height.lo90, hi90=r * height.hi90)
+        for r in (1.0, quoted.campaign.vehicle.rotor_radius)
+    )
+    alike: dict[Boundary, float] = {}
+    for lift in (quoted.lift(b, 1) for b in fitted if b != reading.boundary):
+        other = grid(*lift.measured_z_hat)
+        at = float(reach(other, lift.ratio()(other), abs(ratio - 1.0)))
+        if (lift.largest_change > 0) == (ratio > 1) and at < lift.measured_z_hat[1]:
+            alike[lift.boundary] = at
+    return HeightReading(
+        boundary=reading.boundary,
+        model=sensor.lift.model.name,
+        throttle=reading.throttle,
+        ratio=ratio,
+        u=u,
+        z_hat=z_hat,
+        z_m=z_m,
+        beyond=height.beyond,
+        within_z_hat=sensor.lift.measured_z_hat,
+        alike=alike,
+    )
+
+
 def proximity(
     quoted: QuotedLifts, say: Callable[[str], None]
 ) -> tuple[list[dict[str, object]], ProximityResult, tuple[str, ...]]:
@@ -154,16 +501,15 @@ def proximity(
     inferred from a reading at each height; the manifest's readings; and notes.
     """
     chosen = quoted.campaign.detect or Detect()
-    rows: list[dict[str, object]] = []
-    notes = []
+    rows, notes = list[dict[str, object]](), list[str]()
     boundaries: dict[Boundary, BoundaryProximity] = {}
     for boundary in quoted.boundaries:
         say(f"detect {boundary}")
-        lift, device = quoted.lift(boundary, DRAWS), sensor(quoted, boundary)
-        rows += _ranges(lift, device, chosen, quoted.campaign.vehicle.rotor_radius)
-        entry = boundaries[boundary] = _boundary(lift, device, chosen)
+        sensor = BoundarySensor(quoted, boundary)
+        rows += sensor.rows()
+        entry = boundaries[boundary] = sensor.summary()
         if entry.refused:
-            notes.append(f"{boundary}: distance cannot be inferred from lift:  {entry.refused}")
+            notes.append(f"{boundary}: distance cannot be inferred from lift: {entry.refused}")
     readings: list[HeightReading | RefusedReading] = []
     for i, reading in enumerate(chosen.reading):
         try:
@@ -180,173 +526,3 @@ def proximity(
         readings=tuple(readings),
     )
     return rows, result, tuple(notes)
-
-
-def sensor(quoted: QuotedLifts, boundary: Boundary) -> Sensor:
-    """The manifest's sensor; else the bench's load cell, whose records show what averaging does.
-
-    Averaging leaves the scatter of the bench's trials and the uncertainty of L_inf.
-    """
-    chosen, trials = quoted.campaign.detect or Detect(), quoted.trials
-    levels, scatter = quoted.levels(boundary)
-    floor = float(np.hypot(scatter, np.median([u / value for value, u in levels.values()])))
-    weight = quoted.campaign.vehicle.mass * quoted.campaign.rig.gravity
-    noise, rate = 0.0, quoted.campaign.load_cell.sample_rate
-    mine = (
-        (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
-    )
-    if chosen.force_noise is not None and chosen.force_bandwidth is not None:
-        # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
-        noise = chosen.force_noise / weight / math.sqrt(2 * chosen.force_bandwidth)
-    elif mine.any() and rate is not None:
-        length_s = trials["n"][mine] / rate
-        noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
-    return Sensor(short_per_sqrt_Hz=noise, floor=floor)
-
-
-def _sag_exponent(lift: QuotedLift) -> float:
-    """|d ln lift / d ln supply voltage|."""
-    return abs(lift.best.get("sag_exponent", SAG_EXPONENT))
-
-
-def _refuse_ambiguous(lift: QuotedLift) -> None:
-    """Refuse a lift whose best estimate or any draw has the same ratio at two heights.
-
-    A draw may be constant, where the interval of a coefficient reaches 0.
-    """
-    for i, ratio in enumerate(lift.ratios):
-        where = f"{lift.boundary} {lift.model.name}"
-        refuse_folds(ratio, *lift.measured_z_hat, where, constant=i > 0)
-
-
-def _boundary(lift: QuotedLift, device: Sensor, chosen: Detect) -> BoundaryProximity:
-    """Significant range and inferred heights (none where the model folds)."""
-    exponent, (best, *draws) = _sag_exponent(lift), lift.ratios
-    low, high = lift.measured_z_hat
-    sigma = device.sigma(AVERAGING_S, chosen.payload[0], exponent * chosen.supply[0])
-    located, refused = None, None
-    try:
-        _refuse_ambiguous(lift)
-        heights = np.geomspace(low, high, N_HEIGHTS)
-        located = tuple(
-            HeightTrial(z_hat=z, ratio=ratio, **asdict(locate(ratio, sigma, draws, low, high)))
-            for z, ratio in zip(heights.tolist(), best(heights).tolist(), strict=True)
-        )
-    except InputRefused as refusal:
-        refused = f"{refusal.what}; {refusal.remedy}"
-    z_hat, lo90, hi90 = reaches(lift.ratios, chosen.significant, low, high)
-    return BoundaryProximity(
-        model=lift.model.name,
-        title=lift.title,
-        draws_from=Results.file,
-        effects=lift.effects,
-        measured_z_hat=lift.measured_z_hat,
-        largest_change=lift.largest_change,
-        significant=SignificantHeight(change=chosen.significant, z_hat=z_hat, lo90=lo90, hi90=hi90),
-        short_per_sqrt_Hz=device.short_per_sqrt_Hz,
-        floor=device.floor,
-        lift_per_voltage=exponent,
-        located=located,
-        refused=refused,
-    )
-
-
-def _ranges(
-    lift: QuotedLift, device: Sensor, chosen: Detect, radius_m: float
-) -> list[dict[str, object]]:
-    """Rows of detection.parquet: detection ranges over supplies, payloads and averaging times."""
-    rows = []
-    for voltage, payload, averaging_s in itertools.product(
-        chosen.supply, chosen.payload, chosen.averaging
-    ):
-        supply = _sag_exponent(lift) * voltage
-        sigma = device.sigma(averaging_s, payload, supply)
-        change = change_needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
-        best, lo90, hi90 = reaches(lift.ratios, change, *lift.measured_z_hat)
-        rows.append(
-            {
-                "boundary": lift.boundary,
-                "model": lift.model.name,
-                "averaging_s": averaging_s,
-                "payload": payload,
-                "voltage": voltage,
-                "supply": supply,
-                "sigma": sigma,
-                "false_alarms_per_hour": chosen.false_alarm_rate * HOUR_S / averaging_s,
-                "needed": change,
-                "range_z_hat": best,
-                "lo90": lo90,
-                "hi90": hi90,
-                "range_m": best * radius_m,
-            }
-        )
-    return rows
-
-
-def read(quoted: QuotedLifts, reading: LiftReading) -> HeightReading:
-    """Posterior of z_hat from one reading.
-
-    Raises
-    ------
-    UsageError
-        Nothing was fitted at that boundary.
-    InputRefused
-        The model folds, the throttle is outside those measured, or as `locate`.
-    """
-    if reading.boundary not in quoted.fits.boundaries:
-        raise UsageError(
-            "boundary",
-            f"nothing was fitted at the {reading.boundary}",
-            f"fitted: {', '.join(quoted.fits.boundaries)}",
-        )
-    lift = quoted.lift(reading.boundary, DRAWS)
-    _refuse_ambiguous(lift)
-    ratio, u = _measured(quoted, reading, _sag_exponent(lift))
-    height = locate(ratio, u, lift.ratios[1:], *lift.measured_z_hat)
-    z_hat, z_m = (
-        HeightInterval(median=r * height.median, lo90=r * height.lo90, hi90=r * height.hi90)
-        for r in (1.0, quoted.campaign.vehicle.rotor_radius)
-    )
-    others = [quoted.lift(b, 2) for b in quoted.fits.boundaries if b != reading.boundary]
-    return HeightReading(
-        boundary=reading.boundary,
-        model=lift.model.name,
-        throttle=reading.throttle,
-        ratio=ratio,
-        u=u,
-        z_hat=z_hat,
-        z_m=z_m,
-        beyond=height.beyond,
-        within_z_hat=lift.measured_z_hat,
-        alike={
-            other.boundary: at
-            for other in others
-            if (other.largest_change > 0) == (ratio > 1)
-            and np.isfinite(at := reach(other.ratio(), abs(ratio - 1.0), *other.measured_z_hat))
-            and at < other.measured_z_hat[1]
-        },
-    )
-
-
-def _measured(quoted: QuotedLifts, reading: LiftReading, exponent: float) -> tuple[float, float]:
-    """L / L_inf of a reading and its standard uncertainty."""
-    if reading.ratio is not None:
-        # a ratio's `u` includes weight and supply unless they are given; a throttle's never does
-        further = math.hypot(reading.weight or 0.0, exponent * (reading.supply or 0.0))
-        return reading.ratio, math.hypot(reading.u, reading.ratio * further)
-    assert reading.throttle is not None
-    chosen = quoted.campaign.detect or Detect()
-    lift_inf_N = quoted.levels(reading.boundary)[0]
-    levels = sorted(lift_inf_N)
-    far, u_far = np.array([lift_inf_N[t] for t in levels]).T
-    supply = exponent * (chosen.supply[0] if reading.supply is None else reading.supply)
-    mass = quoted.campaign.vehicle.mass if reading.mass is None else reading.mass
-    return ratio_of_hover(
-        reading.throttle,
-        mass * quoted.campaign.rig.gravity,
-        chosen.payload[0] if reading.weight is None else reading.weight,
-        levels,
-        far.tolist(),
-        math.hypot(float(np.interp(reading.throttle, levels, u_far / far)), supply),
-        reading.u,
-    )

@@ -15,11 +15,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.campaign.manifest import Campaign, boundaries_of
-from nearlift.declare import Boundary, FloatArray, LiftModel, Parameter, compose
+from nearlift.declare import BoolArray, Boundary, FloatArray, LiftModel, Parameter, compose
 from nearlift.errors import InputRefused
 from nearlift.flight import Ratio
 from nearlift.likelihood import student
@@ -73,24 +74,18 @@ class QuotedLift:
     @property
     def title(self) -> str:
         """Title of the base model and of the effects composed with it."""
-        return self.model.title.partition(" + ")[0] + "".join(
-            f" with {catalogue.titled(e)}" for e in self.effects
-        )
+        effects = "".join(f" with {catalogue.titled(e)}" for e in self.effects)
+        return self.model.title.partition(" + ")[0] + effects
 
     @property
     def number(self) -> int:
         """Number of draws; 1 where the model has no parameters."""
-        return len(next(iter(self.draws.values()))) if self.draws else 1
-
-    def parameters(self, member: int) -> dict[str, float]:
-        """Parameters of draw `member`; -1 is the best estimate."""
-        if member < 0:
-            return dict(self.best)
-        return {name: float(values[member]) for name, values in self.draws.items()}
+        return next(map(len, self.draws.values()), 1)
 
     def ratio(self, member: int = -1) -> Ratio:
         """L / L_inf over z_hat of draw `member`; -1 is the best estimate."""
-        values = {**self.arguments, **self.parameters(member)}
+        drawn = self.best if member < 0 else {n: x[member] for n, x in self.draws.items()}
+        values = {**self.arguments, **{name: float(x) for name, x in drawn.items()}}
 
         def ratio(z_hat: FloatArray) -> FloatArray:
             # a model that is constant may return one number
@@ -115,26 +110,21 @@ class QuotedLift:
         """L / L_inf - 1 at the nearest station, best estimate."""
         return float(self.ratio()(np.array(self.measured_z_hat[:1]))[0] - 1.0)
 
-    def droop(self, supply_end_V: float | None, member: int = -1) -> float:
+    def droop(self, supply_end_V: float | None) -> list[float]:
         """Relative change of lift once the supply has fallen to `supply_end_V` (None: the lowest on
-        record); 0 without a sag exponent or a known supply.
+        record), of the best estimate and of every draw; 0 without a sag exponent or known supply.
         """
-        exponent = self.parameters(member).get("sag_exponent", 0.0)
-        end = self.supply_V[1] if supply_end_V is None else supply_end_V
-        left = end / self.supply_V[0]
-        return float(left**exponent - 1.0) if exponent and np.isfinite(left) else 0.0
+        left = (self.supply_V[1] if supply_end_V is None else supply_end_V) / self.supply_V[0]
+        if "sag_exponent" not in self.best or not np.isfinite(left):
+            return [0.0] * (1 + self.number)
+        exponents = [self.best["sag_exponent"], *self.draws["sag_exponent"].tolist()]
+        return [float(left**exponent - 1.0) for exponent in exponents]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuotedLifts:
-    """Results of a campaign in which its lift is quoted, and its trials.
-
-    Attributes
-    ----------
-    fits, results : FitResults, Results
-        fit.json and results.json.
-    findings : mapping
-        Findings of the loop at each boundary that was diagnosed.
+    """Trials of a campaign, fit.json and results.json, in which its lift is quoted, and the
+    findings of the loop at each boundary that was diagnosed.
     """
 
     campaign: Campaign
@@ -148,6 +138,11 @@ class QuotedLifts:
     def boundaries(self) -> list[Boundary]:
         """Boundaries that were fitted, in the order ground, ceiling, sidewall."""
         return boundaries_of(self.fits.boundaries)
+
+    def accepted_at(self, boundary: Boundary) -> BoolArray:
+        """Mask of the boundary's trials that were not rejected."""
+        good = ~rejected(self.trials["quality"])
+        return np.asarray((self.trials["boundary"] == boundary) & good)
 
     def levels(self, boundary: Boundary) -> tuple[dict[float, tuple[float, float]], float]:
         """L_inf and its standard uncertainty by throttle, N, and the relative scatter of trials.
@@ -163,7 +158,7 @@ class QuotedLifts:
     def lift(self, boundary: Boundary, number: int) -> QuotedLift:
         """The lift of one boundary, with so many draws."""
         quoted, trials = self.results.boundaries[boundary], self.trials
-        base = catalogue.model(quoted.base_model)
+        base, mine = catalogue.model(quoted.base_model), self.accepted_at(boundary)
         intervals: dict[str, Estimate] = dict(quoted.coefficients)
         if accepted := self.findings[boundary].accepted if quoted.effects else None:
             # means over rivals draw none of them; dof 0 marks what the data do not determine
@@ -173,26 +168,51 @@ class QuotedLifts:
             }
         effects = [catalogue.effect(name, quoted.form(name)) for name in quoted.effects]
         flying = [e for e in effects if e.belongs_to == "vehicle"]
-        parameters = (*base.parameters, *(p for e in flying for p in e.parameters))
-        rng = generator(self.seed, "belief", boundary, base.name)
-        best, draws = drawn_parameters(parameters, intervals, quoted.correlation, number, rng)
         model = compose(base, *flying) if flying else base
-        mine = (trials["boundary"] == boundary) & ~rejected(trials["quality"])
+        rng = generator(self.seed, "belief", boundary, base.name)
+        best, draws = drawn_parameters(model.parameters, intervals, quoted.correlation, number, rng)
         z_hat = trials["z_hat"][mine]
         supply = trials["supply_V"][mine] if "supply_V" in trials else np.empty(0)
-        supply = supply[np.isfinite(supply)] if np.isfinite(supply).any() else np.array([np.nan])
+        known = supply[np.isfinite(supply)]
         return QuotedLift(
             boundary=boundary,
             model=model,
-            arguments=_arguments(model, self.campaign, trials, mine),
+            arguments=self._arguments(model, mine),
             best=best,
             intervals={name: intervals[name] for name in best if name in intervals},
             draws=draws,
             effects=tuple(e.name for e in flying),
             left=tuple(e.name for e in effects if e not in flying),
             measured_z_hat=(float(z_hat.min()), float(z_hat[np.isfinite(z_hat)].max())),
-            supply_V=(float(np.median(supply)), float(supply.min())),
+            supply_V=(
+                (float(np.median(known)), float(known.min())) if len(known) else (math.nan,) * 2
+            ),
         )
+
+    def _arguments(self, model: LiftModel, mine: BoolArray) -> dict[str, Any]:
+        """Arguments of a model that are constant over a flight; refused where trials differ in
+        them, or one distance is not enough.
+        """
+        where = f"model {model.name}"
+        if "gap_hat" in model.needs:
+            raise InputRefused(
+                where,
+                "lift between two boundaries is for fits; flights, detection and exports have one"
+                " distance to one boundary",
+                "choose another `base` for them",
+            )
+        known = dict.fromkeys(AT_REFERENCE, 1.0) | self.campaign.geometry()
+        for name in set(model.needs) - known.keys():
+            values = np.unique(self.trials.get(name, np.full(len(mine), np.nan))[mine])
+            if len(values) != 1 or np.isnan(values[0]):
+                raise InputRefused(
+                    where,
+                    f"needs {name}, which is not one and the same in all trials, and a flight has"
+                    " one",
+                    "choose another `base`, or exclude the trials that differ",
+                )
+            known[name] = float(values[0])
+        return {n: known[n] for n in model.needs}
 
 
 def drawn_parameters(
@@ -213,15 +233,11 @@ def drawn_parameters(
 
     if not parameters:
         return {}, {}
-    correlation = np.eye(len(parameters))
-    at = {n: i for i, n in enumerate(known.parameters)}
-    for i, a in enumerate(parameters):
-        for j, b in enumerate(parameters):
-            if i != j and a.name in at and b.name in at:
-                correlation[i, j] = known.values[at[a.name]][at[b.name]]
-    normal = rng.multivariate_normal(
-        np.zeros(len(parameters)), correlation, size=number, method="eigh"
-    )
+    names = [p.name for p in parameters]
+    stated = pd.DataFrame(list(known.values), [*known.parameters], [*known.parameters], dtype=float)
+    correlation = stated.reindex(index=names, columns=names, fill_value=0.0).to_numpy(copy=True)
+    np.fill_diagonal(correlation, 1.0)
+    normal = rng.multivariate_normal(np.zeros(len(names)), correlation, size=number, method="eigh")
     best, draws = {}, {}
     for p, n in zip(parameters, normal.T, strict=True):
         quoted = intervals.get(p.name, Estimate(value=p.value, lo90=p.value, hi90=p.value))
@@ -235,32 +251,3 @@ def drawn_parameters(
             drawn = quoted.value + np.where(n < 0, below, above) / student.NORMAL_90 * n
         draws[p.name] = np.clip(drawn, *p.bounds)
     return best, draws
-
-
-def _arguments(
-    model: LiftModel,
-    campaign: Campaign,
-    trials: Mapping[str, NDArray[Any]],
-    mine: NDArray[np.bool_],
-) -> dict[str, Any]:
-    """Arguments of a model that are constant over a flight; refused where trials differ in them, or
-    one distance is not enough.
-    """
-    known = dict.fromkeys(AT_REFERENCE, 1.0) | campaign.geometry()
-    if "gap_hat" in model.needs:
-        raise InputRefused(
-            f"model {model.name}",
-            "lift between two boundaries is for fits; flights, detection and exports have one"
-            " distance to one boundary",
-            "choose another `base` for them",
-        )
-    for name in (n for n in model.needs if n not in known):
-        values = np.unique(trials[name][mine]) if name in trials else np.array([np.nan])
-        if len(values) != 1 or np.isnan(values[0]):
-            raise InputRefused(
-                f"model {model.name}",
-                f"needs {name}, which is not one and the same in all trials, and a flight has one",
-                "choose another `base`, or exclude the trials that differ",
-            )
-        known[name] = float(values[0])
-    return {n: known[n] for n in model.needs}

@@ -98,12 +98,9 @@ def roll_beside_wall(
         turning: dict[str, float] = {}
         if inertia_kg_m2 is not None:
             per_torque = math.degrees(1.0 / inertia_kg_m2)
-            slow, fast = np.percentile(per_torque * torque[1:, 0] / factor, [5, 95])
-            turning = {
-                "acceleration_deg_s2": per_torque * float(torque[0, 0]),
-                "lo90_deg_s2": float(slow),
-                "hi90_deg_s2": float(fast),
-            }
+            slow, fast = np.percentile(per_torque * torque[1:, 0] / factor, [5, 95]).tolist()
+            turning = {"lo90_deg_s2": slow, "hi90_deg_s2": fast}
+            turning["acceleration_deg_s2"] = per_torque * float(torque[0, 0])
         return RollTorque(torque_N_m=torque[0], lo90_N_m=low, hi90_N_m=high, **turning)
 
     return Roll(

@@ -9,14 +9,14 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nearlift.declare import Boundary, FloatArray
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused
 from nearlift.flight import Ratio
 from nearlift.flight.kernel import NODES
 from nearlift.flight.vehicle import LIFT_SIGN, Groups
@@ -28,8 +28,6 @@ Spread = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
 TOP = 16.0
 #: Largest block of flights, and number of blocks into which few flights are divided.
 BLOCK, LEAST_BLOCKS = 50, 4
-#: Bit of the key that gives other flights other gusts.
-OTHERS = 1 << 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,42 +55,20 @@ def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
         The range is empty, or a ratio has no positive value somewhere in it. Such a ratio
         has a singularity, or a bound below the model's validity.
     """
+    refused = functools.partial(InputRefused, "simulate.bound_z_hat")
     if not low < TOP:
-        raise InputRefused(
-            "simulate.bound_z_hat",
-            f"{low:g} leaves no range: above z_hat = {TOP:g} lift is constant",
-            f"bound the ratio below {TOP:g}",
-        )
+        what = f"{low:g} leaves no range: above z_hat = {TOP:g} lift is constant"
+        raise refused(what, f"bound the ratio below {TOP:g}")
     z_hat = np.linspace(low, TOP, NODES)
     with np.errstate(invalid="ignore", divide="ignore"):
         values = np.stack([ratio(z_hat) for ratio in ratios])
     bad = ~(np.isfinite(values) & (values > 0))
     if bad.any():
-        where = float(z_hat[bad.any(axis=0)].max())
-        raise InputRefused(
-            "simulate.bound_z_hat",
-            f"L / L_inf has no value at z_hat = {where:.3g}",
-            f"bound the ratio above {where:.3g}",
+        where = f"{z_hat[bad.any(axis=0)].max():.3g}"
+        raise refused(
+            f"L / L_inf has no value at z_hat = {where}", f"bound the ratio above {where}"
         )
     return Curves(low=low, values=values)
-
-
-def steps_per_hold(hold_s: float, step_s: float) -> int:
-    """Number of steps in a hold.
-
-    Raises
-    ------
-    ManifestError
-        The step is no whole part of the hold; says the nearest that is.
-    """
-    n = max(round(hold_s / step_s), 1)
-    if abs(n * step_s - hold_s) > 1e-9 * hold_s:
-        raise ManifestError(
-            "simulate.step",
-            f"{step_s:g} s is no whole part of the {hold_s:g} s for which a gust is held",
-            f"the nearest is {hold_s / n:g} s",
-        )
-    return n
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,10 +99,6 @@ class Simulation:
         """Number of held gusts in a flight."""
         return max(round(self.groups.duration / self.groups.hold), 1)
 
-    def others(self) -> Simulation:
-        """Flights of equal number with other gusts."""
-        return replace(self, key=self.key ^ OTHERS)
-
     def ended(
         self, curves: Curves, target_z_hat: ArrayLike, curve: ArrayLike = 0, droop: ArrayLike = 0.0
     ) -> NDArray[np.int32]:
@@ -135,12 +107,10 @@ class Simulation:
         Set-points, rows of `curves`, and relative changes of lift by the end of a flight (linear
         in time, as the supply sags) are broadcast against each other.
         """
-        shape, law = self._law(curves, target_z_hat, curve, droop)
+        shape, block = self._blocks(curves, target_z_hat, curve, droop)
         # blocks of equal size, or one worker would fly nearly all of few flights
         size = min(BLOCK, math.ceil(self.flights / LEAST_BLOCKS))
-        block = functools.partial(
-            _block, size=size, flights=self.flights, gusts=self._gusts(), law=law
-        )
+        block = functools.partial(block, size=size, flights=self.flights)
         blocks = self.spread(block, range(0, self.flights, size))
         return np.concatenate(list(blocks), axis=1).reshape(*shape, self.flights)
 
@@ -150,20 +120,15 @@ class Simulation:
         """Heights of one flight at the start and after every hold, (..., holds + 1); nan once
         crashed.
         """
-        shape, law = self._law(curves, target_z_hat, curve, 0.0)
+        shape, block = self._blocks(curves, target_z_hat, curve, 0.0)
         track = np.full((math.prod(shape), self.holds + 1), np.nan)
-        _block(flight, size=1, flights=flight + 1, gusts=self._gusts(), law=law, track=track)
+        block(flight, size=1, flights=flight + 1, track=track)
         return track.reshape(*shape, -1)
 
-    def _gusts(self) -> tuple[int, int, float]:
-        """Key, number of holds, and correlation from hold to hold."""
-        g = self.groups
-        return self.key, self.holds, math.exp(-g.hold / g.correlation) if g.correlation > 0 else 0.0
-
-    def _law(
+    def _blocks(
         self, curves: Curves, target_z_hat: ArrayLike, curve: ArrayLike, droop: ArrayLike
-    ) -> tuple[tuple[int, ...], tuple[Any, ...]]:
-        """Shape of the settings, and the compiled loop's last arguments."""
+    ) -> tuple[tuple[int, ...], Callable[..., NDArray[np.int32]]]:
+        """Shape of the settings, and the function that flies a block of flights with them."""
         g = self.groups
         settings = np.broadcast_arrays(target_z_hat, curve, droop)
         target, row, sag = (x.ravel() for x in settings)
@@ -176,7 +141,7 @@ class Simulation:
         tables = np.stack(
             [curves.values, np.diff(curves.values, axis=1, append=curves.values[:, -1:])], axis=-1
         )
-        return settings[0].shape, (
+        law = (
             self.steps_per_hold,
             g.hold / self.steps_per_hold,
             self.runge_kutta,
@@ -186,6 +151,9 @@ class Simulation:
             curves.low,
             (NODES - 1) / (TOP - curves.low),
         )
+        memory = math.exp(-g.hold / g.correlation) if g.correlation > 0 else 0.0
+        fly = functools.partial(_block, key=self.key, holds=self.holds, memory=memory, law=law)
+        return settings[0].shape, fly
 
 
 def _block(
@@ -193,14 +161,19 @@ def _block(
     *,
     size: int,
     flights: int,
-    gusts: tuple[int, int, float],
+    key: int,
+    holds: int,
+    memory: float,
     law: tuple[Any, ...],
     track: FloatArray | None = None,
 ) -> NDArray[np.int32]:
-    """Hold in which each flight of one block crashed: of plain values, for any worker."""
+    """Hold in which each flight of one block crashed: of plain values, for any worker.
+
+    `memory` is the correlation of gusts from hold to hold, `law` the compiled loop's last
+    arguments.
+    """
     from nearlift.flight import kernel
 
-    key, holds, memory = gusts
     numbers = range(first, min(first + size, flights))
     ended = np.empty((law[3].shape[1], len(numbers)), dtype=np.int32)
     drawn = np.stack([normals(key, flight, holds) for flight in numbers])

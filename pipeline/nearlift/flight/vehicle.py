@@ -172,26 +172,17 @@ def refuse_unstable(gains: Gains, craft: Craft, boundary: Boundary) -> None:
     ManifestError
         A pole has a positive real part (says which signs would do), or kP or kD is zero.
     """
-    where = f"simulate.gains.{boundary}"
+    where, given = f"simulate.gains.{boundary}", f"kP = {gains.kP:g}, kD = {gains.kD:g}"
     if gains.kP == 0.0 or gains.kD == 0.0:
-        raise ManifestError(
-            where,
-            f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back"
-            " and calms it",
-            "give both",
-        )
+        what = f"{given}: without both nothing brings the vehicle back and calms it"
+        raise ManifestError(where, what, "give both")
     worst, flipped = (
         float(poles(gains.times(sign), craft, boundary).real.max()) for sign in (1.0, -1.0)
     )
-    if worst <= POLE_ROUNDING:
-        return
-    right, reason = RIGHT_SIGN[boundary]
-    remedy = "kP, kD and kI want one sign, and kD kP large enough for kI"
-    if flipped <= POLE_ROUNDING:
-        remedy = f"change the sign of all three: {right} at this boundary"
-    raise ManifestError(
-        where,
-        f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at"
-        f" {worst:+.3g} 1/s): {reason}",
-        remedy,
-    )
+    if worst > POLE_ROUNDING:
+        right, reason = RIGHT_SIGN[boundary]
+        remedy = "kP, kD and kI want one sign, and kD kP large enough for kI"
+        if flipped <= POLE_ROUNDING:
+            remedy = f"change the sign of all three: {right} at this boundary"
+        what = f"{given}, kI = {gains.kI:g} make an unstable loop (a pole at {worst:+.3g} 1/s)"
+        raise ManifestError(where, f"{what}: {reason}", remedy)

@@ -11,8 +11,13 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from nearlift.campaign.manifest import boundaries_of
-from nearlift.flight.export.model_export import ModelExport, exported, json_schema
-from nearlift.flight.export.source import c_header, python_module
+from nearlift.flight.export.lift_model import (
+    ModelExport,
+    c_header,
+    exported,
+    json_schema,
+    python_module,
+)
 from nearlift.results.document import as_json
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results

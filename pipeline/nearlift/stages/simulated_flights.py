@@ -88,14 +88,14 @@ def _presets(job: Job, chosen: Simulate, key: int) -> tuple[dict[str, PresetFlig
     published: dict[str, PresetFlights] = {}
     rates, samples = Rows(), Rows()
     for name in chosen.presets:
-        preset = paper.preset(name)
+        preset = paper.PRESETS[name]
         boundaries = {}
         for boundary in paper.MODELS:
             job.say(f"simulate {name} {boundary}")
             how = preset.simulation(boundary, chosen.flights, key, job.executor.map)
             boundaries[boundary], rows = paper.published_flights(name, how, chosen.risks)
             rates += rows
-            samples += paper.histories(preset, boundary, key) if name == "paper" else []
+            samples += paper.histories(name, boundary, key) if name == "paper" else []
         published[name] = PresetFlights(meaning=preset.meaning, boundaries=boundaries)
     return published, rates, samples
 

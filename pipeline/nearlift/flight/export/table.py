@@ -44,8 +44,8 @@ class LiftTable:
         Largest relative error of the ratio between nodes.
     ratio, slope : array (nodes,)
         L / L_inf, and its derivative by the number of pieces.
-    u_ratio, u_slope : array (nodes,)
-        Standard uncertainty of L / L_inf, and of its derivative by z_hat.
+    u_ratio : array (nodes,)
+        Standard uncertainty of L / L_inf.
     """
 
     low: float
@@ -53,11 +53,10 @@ class LiftTable:
     w_low: float
     per_w: float
     power: float
-    relative_error: float
+    relative_error: float = 0.0
     ratio: Numbers
     slope: Numbers
     u_ratio: Numbers
-    u_slope: Numbers
 
     @property
     def pieces(self) -> int:
@@ -93,49 +92,39 @@ def lift_table(ratio: Ratio, drawn: Ratio, low: float, high: float) -> LiftTable
         with np.errstate(invalid="ignore", divide="ignore"):
             return lift(1 / w - 1)
 
-    def slopes(w: FloatArray, lift: Ratio = ratio) -> FloatArray:
-        """Derivatives by w, (draws, n)."""
-
-        def columns(w: FloatArray) -> FloatArray:
-            return np.atleast_2d(at(w.ravel(), lift)).T.reshape(*w.shape[:-1], -1)
-
-        change, apart = derivative.central(columns, w[:, None], SIZE, first, last)
-        return np.asarray(change[:, 0] / apart).T
+    def slopes(w: FloatArray) -> FloatArray:
+        """Derivatives by w (n,)."""
+        change, apart = derivative.central(at, w[:, None], SIZE, first, last)
+        return np.asarray(change[:, 0, 0] / apart[:, 0])
 
     def spread(w: FloatArray) -> FloatArray:
-        value, slope = at(w, drawn), slopes(w, drawn) * -(w**2)
-        finite = np.isfinite(value).all(axis=1) & np.isfinite(slope).all(axis=1)
-        return np.stack([value[finite].std(axis=0), slope[finite].std(axis=0)])
+        value = at(w, drawn)
+        return np.asarray(value[np.isfinite(value).all(axis=1)].std(axis=0))
 
     probe = np.linspace(first, last, 8 * MOST_PIECES + 1)
     truth = at(probe)
     if not np.isfinite(truth).all():
-        bad = 1 / probe[~np.isfinite(truth)].min() - 1
-        raise InputRefused(
-            "export",
-            f"the model has no value at z_hat = {bad:.3g}",
-            f"it can be exported above {bad:.3g} only",
-        )
+        bad = f"{1 / probe[~np.isfinite(truth)].min() - 1:.3g}"
+        what = f"the model has no value at z_hat = {bad}"
+        raise InputRefused("export", what, f"it can be exported above {bad} only")
     pieces = FEWEST_PIECES
     while pieces <= MOST_PIECES:
         w, width = np.linspace(first, last, 2 * pieces + 1), (last - first) / pieces
         spreads = spread(w)
-        nodes, middle = spreads[:, ::2], spreads[:, 1::2]
-        missed = np.abs(middle - (nodes[:, 1:] + nodes[:, :-1]) / 2)
-        largest = spreads.max(axis=1, keepdims=True)
-        allowed = np.maximum(UNCERTAINTY_ERROR * middle, UNCERTAINTY_ERROR_OF_LARGEST * largest)
-        value, slope = at(w[::2]), slopes(w[::2])[0] * width
+        nodes, middle = spreads[::2], spreads[1::2]
+        missed = np.abs(middle - (nodes[1:] + nodes[:-1]) / 2)
+        largest = UNCERTAINTY_ERROR_OF_LARGEST * spreads.max()
+        allowed = np.maximum(UNCERTAINTY_ERROR * middle, largest)
+        value, slope = at(w[::2]), slopes(w[::2]) * width
         table = LiftTable(
             low=low,
             high=high,
             w_low=first,
             per_w=1 / width,
             power=_power(float(value[0]) - 1, float(slope[0]) / width, high),
-            relative_error=0.0,
             ratio=value,
             slope=slope,
-            u_ratio=nodes[0],
-            u_slope=nodes[1],
+            u_ratio=nodes,
         )
         error = float(np.max(np.abs(table(1 / probe - 1) / truth - 1)))
         if error <= RATIO_ERROR and ((missed <= allowed).all() or pieces == MOST_PIECES):

@@ -1,4 +1,4 @@
-"""Exported lift models of a campaign: parameters, tables and provenance, as lift_model.json."""
+"""Exported lift models of a campaign: parameters, tables and provenance, as JSON, C and Python."""
 
 from __future__ import annotations
 
@@ -6,18 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
+import jinja2
 import numpy as np
 from pydantic import Field, TypeAdapter
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.flight.detection import refuse_folds
 from nearlift.flight.energy import Held
 from nearlift.flight.export.table import LiftTable, lift_table
+from nearlift.flight.proximity import grid, refuse_folds
 from nearlift.flight.quoted_lift import AT_REFERENCE, QuotedLift
-
-#: Number of heights at which L / L_inf is stated with its interval.
-N_STATED = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,16 +26,6 @@ class ExportedNumber:
     lo90: float
     hi90: float
     unit: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StatedRatio:
-    """L / L_inf with its 90 % interval at a height."""
-
-    z_hat: float
-    value: float
-    lo90: float
-    hi90: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,10 +44,6 @@ class ExportedLift:
         Rows of the parameters' covariance matrix over the draws, in the same order.
     known : mapping of str to float
         Geometry that the model needs.
-    ratio : tuple of StatedRatio
-        L / L_inf and its interval at some heights.
-    rotors : tuple of LiftTable
-        Ratio of each rotor at the tilt of the trials, where the model gives it.
     inverse : str or None
         Why no inverse is exported; None where one is.
     """
@@ -72,9 +56,7 @@ class ExportedLift:
     parameters: Mapping[str, ExportedNumber]
     covariance: Mapping[str, tuple[float, ...]]
     known: Mapping[str, float]
-    ratio: tuple[StatedRatio, ...]
     table: LiftTable
-    rotors: tuple[LiftTable, ...]
     inverse: str | None
 
 
@@ -86,7 +68,7 @@ class ModelExport:
     product that uncertainties come from.
     """
 
-    schema: str = "nearlift.lift_model/3"
+    schema: str = "nearlift.lift_model/4"
     campaign: str
     nearlift: str
     trials_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -95,12 +77,6 @@ class ModelExport:
     held: Held
     boundaries: Mapping[str, ExportedLift]
     source: str
-
-
-def json_schema() -> dict[str, object]:
-    """JSON Schema of lift_model.json."""
-    schema = TypeAdapter(ModelExport).json_schema(mode="serialization")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
 def exported(lift: QuotedLift) -> ExportedLift:
@@ -116,7 +92,7 @@ def exported(lift: QuotedLift) -> ExportedLift:
     high = min(lift.measured_z_hat[1], model.valid_z_hat[1])
     inverse = None
     try:
-        refuse_folds(ratio, low, high, "export")
+        refuse_folds(z_hat := grid(low, high), ratio(z_hat), "export")
     except InputRefused as refusal:
         inverse = refusal.what
     # an effect in time stays at its reference, so none of its parameters is in the ratio
@@ -126,22 +102,13 @@ def exported(lift: QuotedLift) -> ExportedLift:
     outside = {p.name for e in in_time for p in e.parameters}
     inside = [n for n in lift.best if n not in outside]
     rows = np.atleast_2d(np.cov([lift.draws[n] for n in inside])).tolist() if inside else []
-    z_hat = np.geomspace(low, high, N_STATED) if low > 0 else np.empty(0)
-    ends = np.percentile(lift.drawn(z_hat), [5, 95], axis=0)
-    stated = np.stack([z_hat, ratio(z_hat), *ends]).T.tolist()
-    rotors, each = 0, model.per_rotor
-    values = {**lift.arguments, **lift.best}
-    if each is not None:
-        rotors = len(each(low, **values))
+    omitted = {e.name: "acts in time, and this ratio holds at its reference" for e in in_time}
     return ExportedLift(
         model="_with_".join((model.name.partition("_with_")[0], *within)),
         title=model.title.partition(" + ")[0],
         formula=model.formula,
         effects=within,
-        omitted=dict.fromkeys(
-            (e.name for e in in_time), "acts in time, and this ratio holds at its reference"
-        )
-        | dict.fromkeys(lift.left, "belongs to the bench"),
+        omitted=omitted | dict.fromkeys(lift.left, "belongs to the bench"),
         parameters={
             n: ExportedNumber(value=x.value, lo90=x.lo90, hi90=x.hi90, unit=model.parameter(n).unit)
             for n, x in lift.intervals.items()
@@ -153,13 +120,39 @@ def exported(lift: QuotedLift) -> ExportedLift:
             for n, v in lift.arguments.items()
             if np.ndim(v) == 0 and n not in AT_REFERENCE
         },
-        ratio=tuple(
-            StatedRatio(z_hat=z, value=value, lo90=lo, hi90=hi) for z, value, lo, hi in stated
-        ),
         table=lift_table(ratio, lift.drawn, low, high),
-        rotors=tuple(
-            lift_table(lambda z, i=i: each(z, **values)[..., i], lift.drawn, low, high)  # type: ignore[misc]
-            for i in range(rotors)
-        ),
         inverse=inverse,
     )
+
+
+def json_schema() -> dict[str, object]:
+    """JSON Schema of lift_model.json."""
+    schema = TypeAdapter(ModelExport).json_schema(mode="serialization")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def c_header(export: ModelExport) -> str:
+    """C99 header for firmware: metres in, single or double precision, no heap, state or library."""
+    name = "".join(c.lower() if c.isalnum() else "_" for c in export.campaign)
+    about = _rendered("about.txt", export).replace("*/", "* /")
+    return _rendered("lift_model.h", export, about=about.splitlines(), name=name)
+
+
+def python_module(export: ModelExport) -> str:
+    """Python module without dependencies."""
+    # the header comment becomes a docstring, which quotes or backslashes could end
+    about = _rendered("about.txt", export).replace("\\", "/").replace('"', "'")
+    return _rendered("lift_model.py", export, about=about)
+
+
+def _rendered(template: str, export: ModelExport, **values: object) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("nearlift.flight.export", "."),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters["real"] = lambda number: f"NEARLIFT_REAL({float(number)!r})"
+    return environment.get_template(f"{template}.jinja").render(export=export, zip=zip, **values)
