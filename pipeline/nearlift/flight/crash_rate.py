@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.errors import UsageError
@@ -161,7 +160,6 @@ class Sweep:
         cheapest, cost, dearest = energy.cost(ratio, held)
         columns = {
             "target_z_hat": self.target_z_hat,
-            "flights": flights,
             "crashes": crashes,
             "rate": crashes / flights,
             "lo90": low,
@@ -172,7 +170,9 @@ class Sweep:
             "cost_lo": cheapest,
             "cost_hi": dearest,
         }
-        return pd.DataFrame(columns | labels).to_dict("records")
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        labels["flights"] = flights
+        return [labels | dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def sweep(

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
@@ -165,11 +164,13 @@ def histories(preset: str, boundary: Boundary, key: int) -> Rows:
     curves, both = scaled_curves(boundary, (0.0, 1.0)), np.arange(2)
     crashed = how.ended(curves, target, both) >= 0
     bad, good = (0, 1) if boundary == "ground" else (1, 0)
-    t_s, rows = np.arange(how.holds + 1) * DISTURBANCE.hold_s, Rows()
+    rows = Rows()
     for flight in np.flatnonzero(crashed[bad] & ~crashed[good])[:PICKED].tolist():
-        labels = {"preset": preset, "boundary": boundary, "target_z_hat": target, "flight": flight}
+        labels = {"preset": preset, "boundary": boundary, "flight": flight, "target_z_hat": target}
         tracks = how.trace(curves, target, both, flight)
         for model, z_hat in zip(("none", MODELS[boundary]), tracks, strict=True):
-            track = pd.DataFrame(labels | {"model": model, "t_s": t_s, "z_hat": z_hat})
-            rows += track.dropna().to_dict("records")
+            rows += [
+                labels | {"model": model, "t_s": k * DISTURBANCE.hold_s, "z_hat": float(z_hat[k])}
+                for k in np.flatnonzero(np.isfinite(z_hat)).tolist()
+            ]
     return rows

@@ -9,13 +9,13 @@ it is not known, and does not fly as if it were.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from nearlift import catalogue
@@ -233,11 +233,12 @@ def drawn_parameters(
 
     if not parameters:
         return {}, {}
-    names = [p.name for p in parameters]
-    stated = pd.DataFrame(list(known.values), [*known.parameters], [*known.parameters], dtype=float)
-    correlation = stated.reindex(index=names, columns=names, fill_value=0.0).to_numpy(copy=True)
-    np.fill_diagonal(correlation, 1.0)
-    normal = rng.multivariate_normal(np.zeros(len(names)), correlation, size=number, method="eigh")
+    correlation, at = np.eye(len(parameters)), {n: i for i, n in enumerate(known.parameters)}
+    for (i, a), (j, b) in itertools.permutations(enumerate(p.name for p in parameters), 2):
+        if a in at and b in at:
+            correlation[i, j] = known.values[at[a]][at[b]]
+    mean = np.zeros(len(parameters))
+    normal = rng.multivariate_normal(mean, correlation, size=number, method="eigh")
     best, draws = {}, {}
     for p, n in zip(parameters, normal.T, strict=True):
         quoted = intervals.get(p.name, Estimate(value=p.value, lo90=p.value, hi90=p.value))
