@@ -117,7 +117,7 @@ def test_several_sensors_under_one_stamp_are_noted(tmp_path: Path, sensors: int)
     path = written.put(tmp_path, "a.csv", "\n".join(["t_s,unit,F_N", *rows, ""]).encode())
     (note,) = notes(inspect(path))
     assert f"each time of 't_s' has {sensors} rows" in note
-    assert "'unit' numbers them" in note
+    assert "keep one as a file of its own" in note
 
 
 def test_a_counter_that_wraps_is_noted(tmp_path):

@@ -89,15 +89,6 @@ def test_new_proposes_a_tare_and_settling_with_a_margin(tmp_path: Path) -> None:
     assert "# rotors at rest: they start at 1" in text
 
 
-def test_units_from_names_reach_the_block_with_the_rate_of_the_clock(tmp_path):
-    lines = "".join(f"{i / 200},{0.1},{3.9},{9.5 + i % 3}\n" for i in range(60))
-    path = written.put(tmp_path, "a.csv", ("t_s,h_m,vbat_V,thrust_g\n" + lines).encode())
-    tables = tomllib.loads(block(inspect(path)))
-    assert tables["load_cell"]["sample_rate"] == "200 Hz"
-    assert tables["records"]["force"] == {"column": "thrust_g", "unit": "gf", "sign": 1}
-    assert tables["records"]["time"] == {"column": "t_s", "unit": "s"}
-
-
 def test_a_rate_that_cannot_be_is_no_rate(tmp_path):
     """Microseconds under a header that says ms; the clock is left out, or every record would be
     refused for its unit.

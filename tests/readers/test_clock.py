@@ -90,7 +90,12 @@ def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
 
 @pytest.mark.parametrize(
     ("stamp", "unit"),
-    [("1773497100{:03d}", "ms"), ("1773497100.{:03d}", "s"), ("1773497100{:03d}000", "us")],
+    [
+        ("1773497100.{:03d}", "s"),
+        ("1773497100{:03d}", "ms"),
+        ("1773497100{:03d}000", "us"),
+        ("1773497100{:03d}000000", "ns"),
+    ],
 )
 def test_stamps_since_1970_have_their_unit(tmp_path: Path, stamp: str, unit: str) -> None:
     path = tmp_path / "a.csv"
@@ -128,7 +133,7 @@ def test_stamps_in_whole_seconds_are_no_clock_of_samples(tmp_path: Path) -> None
     path = tmp_path / "a.csv"
     path.write_text("time,force\n" + "".join(f"12:00:{i // 80:02d},{i % 7}\n" for i in range(400)))
     found = inspect(path)
-    assert "80 rows to each 1 s: it is too coarse" in found.shared_stamps
+    assert "each time of 'time' has 80 rows" in found.shared_stamps
     assert "\ntime" not in block(found)
 
 
@@ -139,22 +144,6 @@ def test_stamps_in_whole_milliseconds_have_the_rate_of_the_samples() -> None:
     assert clock_codes(stamps, Conditions(rate_Hz=80.0), "a") == []
     with pytest.raises(InputRefused, match="runs at 80"):
         clock_codes(stamps, Conditions(rate_Hz=83.3), "a")
-
-
-def test_stamps_in_tenths_of_a_second_have_the_rate_of_the_samples() -> None:
-    """As a spreadsheet shows minutes and seconds: steps of one and two tenths are 8 Hz."""
-    stamps = np.floor(1.25 * np.arange(64)) / 10
-    assert rate_of(stamps) == pytest.approx(8, rel=0.01)
-    assert clock_codes(stamps, Conditions(rate_Hz=8.0), "a") == []
-    lost = np.delete(np.arange(400) / 10, np.arange(7, 390, 11))
-    assert rate_of(lost) == pytest.approx(10)
-
-
-def test_stamps_in_nanoseconds_are_a_clock(tmp_path: Path) -> None:
-    rows = "".join(f"{1700000000000000000 + 12500000 * i}\t{i % 7}\n" for i in range(400))
-    path = tmp_path / "a.tsv"
-    path.write_text("ts_ns\tforce_N\n" + rows)
-    assert 'sample_rate = "80 Hz"' in block(inspect(path))
 
 
 def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:
@@ -169,13 +158,3 @@ def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     )
     with pytest.raises(InputRefused, match="no time of day in column 'time', row 2"):
         reader("csv").open(path, {}, ("force", "time"))
-
-
-def test_damage_of_a_clock_or_a_header_is_a_refusal(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_bytes(b"t,force\n12:00:01.5,1\n12:00:0\xda.5,2\n")
-    with pytest.raises(InputRefused, match="no time of day in column 't', row 2"):
-        reader("csv").open(path, {}, ("force", "t"))
-    path.write_bytes(b"weight[g],pwm,vbat[V]\n1.5,30000,3.9,12:00:00\n2.5,30000,3.9\n")
-    with pytest.raises(InputRefused, match="line 2: has 4 cells under 3 column names"):
-        reader("crazyflie").open(path, {}, ("weight",))

@@ -440,34 +440,6 @@ def test_31_an_id_longer_than_any_file_name_is_a_missing_record(raw: Path) -> No
     assert ingest(raw)[0] in (3, 4)
 
 
-def test_the_order_of_trials_changes_nothing_but_run_order(raw: Path) -> None:
-    ingest(raw)
-    first = product(raw)
-    rows = (raw / "trials.csv").read_text().split()
-    (raw / "trials.csv").write_text("\n".join([rows[0], *rows[:0:-1]]) + "\n")
-    ingest(raw)
-    other = product(raw)
-    order = [list(other["trial"]).index(name) for name in first["trial"]]
-    for column in first:
-        if column != "visit":
-            np.testing.assert_array_equal(other[column][order], first[column])
-
-
-def test_scaling_all_forces_leaves_delta_l(raw: Path) -> None:
-    tables_of = []
-    for old, new in (("", ""), ('unit = "mN"', 'unit = "gf"')):
-        edit(raw, "campaign.toml", old, new)
-        if new:
-            edit(raw, "campaign.toml", '"1 kgf"', '"10 kgf"')
-            edit(raw, "campaign.toml", '"27 g"', '"265 g"')
-        ingest(raw)
-        assert nearlift("reduce", raw, "--out", raw.parent, "-q").exit_code == 0
-        tables_of.append(product(raw, LIFT))
-    first, other = tables_of
-    np.testing.assert_allclose(other["lift_N"], 9.80665 * first["lift_N"])
-    np.testing.assert_allclose(other["delta_L"], first["delta_L"], rtol=1e-12, atol=1e-15)
-
-
 def test_32_the_size_is_told_before_anything_is_read_and_json_names_the_rejected(
     raw: Path,
 ) -> None:

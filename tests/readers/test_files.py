@@ -25,50 +25,24 @@ from nearlift.readers.base import Contents, pick
 from nearlift.schedule import _text_of as text_of
 
 
-def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
-    for trial in "ac":
-        (tmp_path / f"{trial}.csv").write_text("force\n1\n")
-    given = manifest(records={"files": "{trial}.csv"})
-    assert [r.trial for r in of_trials("csv", given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
-    places = reader("csv").places(given, tmp_path, ["a", "b", "c"])
-    assert places == {t: (tmp_path / f"{t}.csv", 8) for t in "ac"}
-
-
-def test_a_link_within_the_folder_is_followed(tmp_path: Path) -> None:
-    (tmp_path / "real.csv").write_text("force\n1\n")
-    (tmp_path / "a.csv").symlink_to(tmp_path / "real.csv")
-    assert reader("csv").places(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])
-
-
 @pytest.mark.parametrize(
-    "pattern",
-    [
-        "trials/{trial}.csv",
-        "{trial}.csv",
-        "{trial}/force.csv",
-        "{trial}/{trial}.csv",
-        "[{trial}].csv",
-    ],
+    "pattern", ["trials/{trial}.csv", "{trial}.csv", "{trial}/{trial}.csv", "[{trial}].csv"]
 )
-@pytest.mark.parametrize("name", ["csv", "text"])
-def test_a_record_without_a_row_is_told(tmp_path: Path, pattern: str, name: str) -> None:
+def test_the_plan_has_what_is_there_and_notes_what_is_no_trials(
+    tmp_path: Path, pattern: str
+) -> None:
     for trial in ("a", "b", "c-1", "d"):
-        path = tmp_path / pattern.replace("{trial}", trial)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("t,force\n0,1\n1,2\n")
-    chosen = manifest(
-        records={
-            "reader": name,
-            "files": pattern,
-            "force": {"column": "force", "unit": "mN", "sign": 1},
-        }
-    )
-    (note,) = reader(name).plan(chosen, tmp_path, ["b", "d", "elsewhere"])[1]
+        put(tmp_path, "force\n1\n", pattern.replace("{trial}", trial))
+    chosen = manifest(records={"files": pattern})
+    [piece], [note] = reader("csv").plan(chosen, tmp_path, ["b", "d", "elsewhere"])
+    assert piece.trials == ("b", "d")
     assert note.startswith(f"{pattern.replace('{trial}', 'a')} and 1 more are no trial's record")
-    assert reader(name).plan(chosen, tmp_path, ["a", "b", "c-1", "d"])[1] == []
+    assert reader("csv").plan(chosen, tmp_path, ["a", "b", "c-1", "d"])[1] == []
 
 
-def test_a_pattern_without_the_trial_is_refused(tmp_path: Path) -> None:
+def test_a_link_within_the_folder_is_followed_and_a_pattern_has_the_trial(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").symlink_to(put(tmp_path, "force\n1\n", "real.csv"))
+    assert reader("csv").places(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])
     with pytest.raises(ManifestError, match=r"write \{trial\} in it"):
         reader("csv").places(manifest(records={"files": "all.csv"}), tmp_path, ["a"])
 
@@ -87,6 +61,7 @@ def read(name: str, path: Path, **dialect: Any) -> Contents:
 
 def put(folder: Path, content: str | bytes, name: str = "a.txt") -> Path:
     path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
 
@@ -142,9 +117,6 @@ OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
 PACKAGE = "http://schemas.openxmlformats.org/package/2006"
 
 
-ODF = "urn:oasis:names:tc:opendocument:xmlns"
-
-
 def xlsx(path: Path, *sheets: Rows) -> Path:
     """A workbook of the least that a spreadsheet program opens."""
 
@@ -188,65 +160,22 @@ def xlsx(path: Path, *sheets: Rows) -> Path:
     return path
 
 
-def ods(path: Path, *sheets: Rows) -> Path:
-    """An OpenDocument spreadsheet."""
-
-    def cell(value: object) -> str:
-        kind = "string" if isinstance(value, str) else "float"
-        stated = "" if kind == "string" else f' office:value="{value}"'
-        return (
-            f'<table:table-cell office:value-type="{kind}"{stated}><text:p>{value}</text:p>'
-            "</table:table-cell>"
-        )
-
-    def table(i: int, rows: Rows) -> str:
-        lines = (f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
-        return f'<table:table table:name="S{i}">{"".join(lines)}</table:table>'
-
-    names = " ".join(f'xmlns:{n}="{ODF}:{n}:1.0"' for n in ("office", "table", "text"))
-    body = "".join(table(i, rows) for i, rows in enumerate(sheets, 1))
-    with zipfile.ZipFile(path, "w") as file:
-        kind = "application/vnd.oasis.opendocument.spreadsheet"
-        file.writestr("mimetype", kind)
-        entry = f'<manifest:file-entry manifest:full-path="/" manifest:media-type="{kind}"/>'
-        file.writestr(
-            "META-INF/manifest.xml",
-            f'<manifest:manifest xmlns:manifest="{ODF}:manifest:1.0">{entry}</manifest:manifest>',
-        )
-        file.writestr(
-            "content.xml",
-            f"<office:document-content {names}><office:body><office:spreadsheet>{body}"
-            "</office:spreadsheet></office:body></office:document-content>",
-        )
-    return path
-
-
-WRITERS = pytest.mark.parametrize("write", [xlsx, ods], ids=["xlsx", "ods"])
-
-
 RECORD: Rows = [["time (s)", "force (N)"], *([i / 100, 0.5 + i % 2] for i in range(50))]
 
 
-MEANS: Rows = [
-    ["trial", "boundary", "distance (mm)", "throttle (percent)", "lift (N)"],
-    *([i, "ground", 20.0 + 10 * i, 50, 1.25 / (1 + i)] for i in range(1, 9)),
-]
-
-
-@WRITERS
-def test_the_first_sheet_is_a_record(write: object, tmp_path: Path) -> None:
-    path = write(tmp_path / f"a.{write.__name__}", RECORD, MEANS)  # type: ignore[operator, attr-defined]
-    found = inspect(path)
-    assert (found.reader, found.contents.kind) == (
-        "sheet",
-        "spreadsheet, sheet 'S1'; 1 more left out",
-    )
-    assert found.force is not None
-    assert (found.force.unit, found.force.rate_Hz) == ("N", pytest.approx(100))
+def test_the_first_sheet_is_a_record(tmp_path: Path) -> None:
+    """Blank rows and a title above its table are left out."""
+    second = [["trial", "note"], ["a", 'say "x", y'], [7, 1.5]]
+    path = xlsx(tmp_path / "a.xlsx", [["", ""], ["stand 7", ""], ["", ""], *RECORD], second)
+    seen = inspect(path)
+    kind = "spreadsheet, sheet 'S1'; 1 more left out"
+    assert (seen.reader, seen.contents.kind) == ("sheet", kind)
+    assert seen.force is not None
+    assert (seen.force.unit, seen.force.rate_Hz) == ("N", pytest.approx(100))
     given = manifest(
         records={
             "reader": "sheet",
-            "files": f"{{trial}}{path.suffix}",
+            "files": "{trial}.xlsx",
             "force": {"column": "force", "unit": "N", "sign": -1},
             "time": {"column": "time", "unit": "s"},
         },
@@ -256,39 +185,19 @@ def test_the_first_sheet_is_a_record(write: object, tmp_path: Path) -> None:
     assert record.force_N.tolist() == [-0.5 - i % 2 for i in range(50)]
     assert record.time_s is not None
     assert record.time_s.tolist() == [i / 100 for i in range(50)]
-
-
-@WRITERS
-def test_blank_rows_and_a_title_above_a_sheets_table(write: object, tmp_path: Path) -> None:
-    name = f"a.{write.__name__}"  # type: ignore[attr-defined]
-    path = write(tmp_path / name, [["", ""], ["stand 7", ""], ["", ""], *RECORD])  # type: ignore[operator]
-    found = inspect(path)
-    assert [(c.name, len(c.values)) for c in found.contents.channels] == [
-        ("time (s)", 50),
-        ("force (N)", 50),
-    ]
-    path = write(tmp_path / name, [["rig", "A"], ["by", "B"], ["on", "C"]], RECORD)  # type: ignore[operator]
     with pytest.raises(InputRefused, match="no rows of numbers in its first sheet, 'S1'; others"):
-        inspect(path)
+        inspect(xlsx(tmp_path / "b.xlsx", [["rig", "A"], ["by", "B"], ["on", "C"]], RECORD))
+    assert text_of(xlsx(tmp_path / "c.xlsx", second)) == 'trial,note\na,"say ""x"", y"\n7,1.5\n'
 
 
-@WRITERS
-def test_a_sheet_of_means_makes_a_campaign(write: object, tmp_path: Path) -> None:
-    path = write(tmp_path / f"means.{write.__name__}", MEANS)  # type: ignore[operator, attr-defined]
-    folder = tmp_path / "campaign"
-    write_from(folder, [path])
-    assert 'reader = "means"' in (folder / "campaign.toml").read_text()
-    first, second, *_ = (folder / "trials.csv").read_text().splitlines()
+def test_a_sheet_of_means_makes_a_campaign(tmp_path: Path) -> None:
+    names = ["trial", "boundary", "distance (mm)", "throttle (percent)", "lift (N)"]
+    rows: Rows = [[i, "ground", 20.0 + 10 * i, 50, 1.25 / (1 + i)] for i in range(1, 9)]
+    write_from(tmp_path / "c", [xlsx(tmp_path / "means.xlsx", [names, *rows])])
+    assert 'reader = "means"' in (tmp_path / "c" / "campaign.toml").read_text()
+    first, second, *_ = (tmp_path / "c" / "trials.csv").read_text().splitlines()
     assert first == "trial,boundary,distance,throttle,lift"
     assert second == "1,ground,30,50,0.625"
-
-
-@WRITERS
-def test_a_schedule_may_be_a_sheet(write: object, tmp_path: Path) -> None:
-    path = write(
-        tmp_path / f"trials.{write.__name__}", [["trial", "note"], ["a", 'say "x", y'], [7, 1.5]]
-    )  # type: ignore[operator, attr-defined]
-    assert text_of(path) == 'trial,note\na,"say ""x"", y"\n7,1.5\n'
 
 
 def test_a_damaged_sheet_is_refused(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from tests.unit import written
 
 from nearlift import readers
 from nearlift.readers import guarded, text
-from nearlift.readers.base import Channel, Contents, Malformed
+from nearlift.readers.base import Malformed
 from nearlift.readers.dialect import NoNames
 
 FORCE = [1.0, 2.0, 3.0]
@@ -33,12 +33,6 @@ def small() -> Iterator[guarded.Guarded]:
     process = guarded.Guarded(wall_s=20.0)
     yield process
     process.close()
-
-
-def test_arrays_texts_and_the_packages_types_come_back(small: guarded.Guarded) -> None:
-    found = small(Contents, channels=(Channel(name="force", values=np.arange(3.0)),), notes=("n",))
-    assert (found.channels[0].name, found.notes) == ("force", ("n",))
-    assert found.channels[0].values.tolist() == [0.0, 1.0, 2.0]
 
 
 def test_a_refusal_keeps_its_type_and_all_that_it_says(

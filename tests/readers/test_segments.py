@@ -424,14 +424,3 @@ def test_a_record_cut_anywhere_gives_its_whole_pieces_or_fewer(cut: int, tmp_pat
         assert piece.brought == own.brought
     if found and cut < len(WHOLE) and found.record.force_N.size and WHOLE[cut - 1 : cut] != b"\n":
         assert "truncated" in found.record.codes
-
-
-@pytest.mark.parametrize("name", ["t", "throttle", "force"])
-def test_a_column_that_is_missing_is_named(name: str, tmp_path: Path) -> None:
-    columns = sweep(2.0, np.random.default_rng(8))
-    del columns[name]
-    (tmp_path / "sweeps").mkdir()
-    path = tmp_path / "sweeps" / "r0.csv"
-    path.write_text(text_of(columns))
-    with pytest.raises(InputRefused, match=f"has no column '{name}'"):
-        segments.read(campaign(), tmp_path, reader("csv"), "r0", path)

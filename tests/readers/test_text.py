@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -235,13 +233,3 @@ def test_a_clock_of_many_digits_beside_no_force_is_shown(tmp_path: Path) -> None
     assert found.exit_code == 0, found.output
     assert "stamp" in found.output
     assert "Val" in found.output
-
-
-def test_one_blank_cell_does_not_load_pandas(tmp_path: Path) -> None:
-    path = put(tmp_path, "t,force\n,5\n0.1,6\n0.2,7\n")
-    code = (
-        "import sys; from pathlib import Path; from nearlift.readers import text\n"
-        "text.csv_contents(Path(sys.argv[1]), {}, ('force', 't'))\n"
-        "sys.exit('pandas' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code, path], check=False).returncode == 0

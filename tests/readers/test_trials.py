@@ -84,20 +84,6 @@ def test_the_executor_changes_nothing(root: Path, tmp_path: Path, text: str) -> 
     ).read_bytes()
 
 
-def test_digests_that_are_known_are_not_made_again(root: Path, tmp_path: Path) -> None:
-    known = {"trials/t00.csv": "f" * 64}
-    job = Job(
-        root=root,
-        campaign=manifest(**GIVEN),
-        processed=tmp_path,
-        reports=tmp_path,
-        executor=workers.SerialExecutor(),
-        inputs=known,
-    )
-    ingest.run(job)
-    assert job.read(TRIALS)["source_sha256"][0] == "f" * 64
-
-
 def test_inputs_are_what_the_product_is_made_from(root: Path) -> None:
     (root / "trials" / "t01.csv").unlink()
     names = list(ingest.inputs(root, manifest(**GIVEN)))
@@ -132,18 +118,6 @@ def refused(
     assert snapshot(root) == before
 
 
-def test_no_record_at_all_is_refused(root: Path, tmp_path: Path) -> None:
-    for path in (root / "trials").iterdir():
-        path.unlink()
-    refused(root, tmp_path, InputRefused, r"none of the 8 trials has a record\n.*'t00'")
-
-
-def test_nothing_but_rejected_trials_is_refused(root: Path, tmp_path: Path) -> None:
-    for path in (root / "trials").iterdir():
-        path.write_text("force\n")
-    refused(root, tmp_path, InputRefused, r"all 8 trials are rejected \(NO_DATA 8\)")
-
-
 def test_a_record_that_is_refused_is_a_row_and_most_of_them_are_a_refusal(
     root: Path, tmp_path: Path
 ) -> None:
@@ -160,23 +134,34 @@ def test_a_record_that_is_refused_is_a_row_and_most_of_them_are_a_refusal(
     refused(root, tmp_path, InputRefused, r"t03\.csv, line 4: 'x.*is not a number")
 
 
-@pytest.mark.parametrize("text", ["serial", "processes:2"])
-def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path, text: str) -> None:
-    """A reader's fault costs its trial, not its neighbours; the machine's and the manifest's stop
-    the run.
-    """
+@pytest.mark.parametrize(
+    ("kept", "match"),
+    [
+        (None, r"none of the 8 trials has a record\n.*'t00'"),
+        ("force\n", r"all 8 trials are rejected \(NO_DATA 8\)"),
+    ],
+)
+def test_no_record_and_no_good_one_are_refused(
+    root: Path, tmp_path: Path, kept: str | None, match: str
+) -> None:
+    for path in (root / "trials").iterdir():
+        path.unlink() if kept is None else path.write_text(kept)
+    refused(root, tmp_path, InputRefused, match)
+
+
+def task_of(root: Path) -> Task:
+    """The task that reads three trials."""
     given = manifest(**GIVEN)
-    task = Task(
-        root=root,
-        campaign=given,
-        piece=CSV.plan(given, root, ["t00", "t01", "t02"])[0][0],
-        tare_after_N={},
-        digests={},
-    )
-    whole = reduce_piece(task)
+    [piece], _ = CSV.plan(given, root, ["t00", "t01", "t02"])
+    return Task(root=root, campaign=given, piece=piece, tare_after_N={}, digests={})
+
+
+@pytest.mark.parametrize("text", ["serial", "processes:2"])
+def test_whatever_is_raised_over_a_record_is_its_row(root: Path, text: str) -> None:
+    whole = reduce_piece(task_of(root))
     (root / "trials" / "t01.csv").write_bytes(b"force\n1\n\x1b[2J\n")
     with workers.open_executor(text) as executor:
-        [rows] = workers.ordered(executor, reduce_piece, [task])
+        [rows] = workers.ordered(executor, reduce_piece, [task_of(root)])
     assert [row.record for row in rows] == ["t00", "t01", "t02"]
     assert (rows[0], rows[2]) == (whole[0], whole[2])
     [bad] = rows[1].rows
@@ -199,65 +184,57 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
 def test_the_machines_faults_and_the_manifests_are_no_rows(
     root: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, row: bool
 ) -> None:
-    given = manifest(**GIVEN)
-    task = Task(
-        root=root,
-        campaign=given,
-        piece=CSV.plan(given, root, ["t00", "t01"])[0][0],
-        tare_after_N={},
-        digests={},
-    )
-    calls: list[str] = []
-
-    def reduced(*_: Any, where: str, **__: Any) -> Any:
-        calls.append(where)
+    def reduced(*_: Any, **__: Any) -> Any:
         raise fault
 
     monkeypatch.setattr(rows_module, "reduce_record", reduced)
     if row:
-        assert [r.rows[0]["codes"] for r in reduce_piece(task)] == [("MALFORMED",)] * 2
-        assert len(calls) == 2
-    else:
-        with pytest.raises(type(fault)):
-            reduce_piece(task)
+        codes = [r.rows[0]["codes"] for r in reduce_piece(task_of(root))]
+        assert codes == [("MALFORMED",)] * 3
+        return
+    with pytest.raises(type(fault)):
+        reduce_piece(task_of(root))
 
 
-def test_records_without_a_tare_are_noted(root: Path, tmp_path: Path) -> None:
-    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"tare": "none"}))
-    assert "no tare" in outcome.notes[0]
-    # rotors at rest are no part of a mean, whatever the manifest says of a tare
-    assert set(job.read(TRIALS)["n"]) < set(range(LIVE - 10, LIVE + 1))
-    assert set(job.read(TRIALS)["quality"]) == {"unsettled"}
+@pytest.mark.parametrize(("tare", "note"), [("none", "no tare"), ("0.04 s", "have 8 samples")])
+def test_no_tares_and_short_ones_are_noted(
+    root: Path, tmp_path: Path, tare: str, note: str
+) -> None:
+    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"tare": tare}))
+    assert any(note in text for text in outcome.notes)
+    if tare == "none":
+        # rotors at rest are no part of a mean, whatever the manifest says of a tare
+        assert set(job.read(TRIALS)["n"]) < set(range(LIVE - 10, LIVE + 1))
+        assert set(job.read(TRIALS)["quality"]) == {"unsettled"}
 
 
-def test_short_tares_are_noted(root: Path, tmp_path: Path) -> None:
-    outcome, _ = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"tare": "0.04 s"}))
-    assert (
-        "the tares have 8 samples: too few to show damage of more than one of them (20 would)"
-        in outcome.notes
-    )
+@pytest.mark.parametrize(
+    ("exclude", "why"), [(["t02"], ""), ({"t02": "cable touched"}, " (cable touched)")]
+)
+def test_an_excluded_trial_keeps_its_row_and_is_rejected_for_its_own_fault_alone(
+    root: Path, tmp_path: Path, exclude: Any, why: str
+) -> None:
+    given = manifest(**GIVEN, quality={"exclude": exclude})
+    outcome, job = run_ingest(root, tmp_path / "a", given)
+    table = job.read(TRIALS)
+    assert list(table["quality"]) == ["", "", "EXCLUDED", "", "", "", "", ""]
+    assert table["lift_N"][2] == pytest.approx(0.44, rel=0.01)
+    assert outcome.rejected == ()
+    assert f"left out as [quality] exclude asks: t02{why}" in outcome.notes
+    write_record(root, "t02", np.zeros(HEAD + 2))
+    outcome, job = run_ingest(root, tmp_path / "b", given)
+    assert job.read(TRIALS)["quality"][2].endswith("EXCLUDED")
+    assert [trial for trial, _ in outcome.rejected] == ["t02"]
 
 
-def test_raw_may_be_read_only(root: Path, tmp_path: Path) -> None:
-    for path in [*root.rglob("*"), root]:
-        path.chmod(0o555 if path.is_dir() else 0o444)
-    try:
-        run_ingest_read_only(root, tmp_path / "out")
-    finally:
-        for path in [root, *root.rglob("*")]:
-            path.chmod(0o755)
-
-
-def run_ingest_read_only(root: Path, out: Path) -> None:
-    job = Job(
-        root=root,
-        campaign=manifest(**GIVEN),
-        processed=out,
-        reports=out,
-        executor=workers.SerialExecutor(),
-    )
-    ingest.run(job)
-    assert (out / TRIALS.file).is_file()
+@pytest.mark.parametrize(
+    ("name", "remedy"), [("t2", "did you mean 't12', 't02'?"), (2, "the schedule's first is 't00'")]
+)
+def test_an_excluded_trial_that_is_not_in_the_schedule_is_refused(
+    root: Path, tmp_path: Path, name: Any, remedy: str
+) -> None:
+    match = f"exclude: no trial of the schedule is called '{name}'\n  {re.escape(remedy)}"
+    refused(root, tmp_path, ManifestError, match, quality={"exclude": [name]})
 
 
 # ---- means
@@ -293,49 +270,6 @@ def test_means_need_a_lift(tmp_path: Path) -> None:
     write_schedule(tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,\n")
     with pytest.raises(ManifestError, match="line 2, column 'lift': is empty"):
         run_ingest(tmp_path, tmp_path / "out", manifest(**MEANS))
-
-
-@pytest.mark.parametrize(
-    ("exclude", "why"), [(["t02"], ""), ({"t02": "cable touched"}, "cable touched"), ([2], None)]
-)
-def test_a_trial_that_the_manifest_excludes_keeps_its_row_and_is_no_rejection(
-    root: Path, tmp_path: Path, exclude: Any, why: str | None
-) -> None:
-    given = manifest(**GIVEN, quality={"exclude": exclude})
-    if why is None:
-        with pytest.raises(ManifestError, match="no trial of the schedule is called '2'"):
-            run_ingest(root, tmp_path, given)
-        return
-    outcome, job = run_ingest(root, tmp_path, given)
-    table = job.read(TRIALS)
-    assert list(table["quality"]) == ["", "", "EXCLUDED", "", "", "", "", ""]
-    assert table["lift_N"][2] == pytest.approx(0.44, rel=0.01)
-    assert outcome.rejected == ()
-    assert f"left out as [quality] exclude asks: t02{f' ({why})' if why else ''}" in outcome.notes
-
-
-def test_an_excluded_trial_with_a_fault_of_its_own_is_rejected_all_the_same(
-    root: Path, tmp_path: Path
-) -> None:
-    write_record(root, "t02", np.zeros(HEAD + 2))
-    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, quality={"exclude": ["t02"]}))
-    assert job.read(TRIALS)["quality"][2].endswith("EXCLUDED")
-    assert [trial for trial, _ in outcome.rejected] == ["t02"]
-
-
-def test_an_excluded_trial_that_is_not_in_the_schedule_is_refused_with_those_like_it(
-    root: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(
-        ManifestError,
-        match=(
-            r"quality.exclude: no trial of the schedule is called 't2'\n  did you mean 't12',"
-            r" 't02'\?"
-        ),
-    ) as refusal:
-        run_ingest(root, tmp_path, manifest(**GIVEN, quality={"exclude": ["t2"]}))
-    assert refusal.value.exit_code == 2
-    assert not (tmp_path / "processed" / TRIALS.file).exists()
 
 
 def test_a_trial_that_its_repeats_contradict_is_named_and_kept(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from nearlift.reduction.start import RotorStart, start_of, wrap_of
 #: First bytes of a DataFlash log: two that begin each message, and the type of its formats.
 DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
+FOLDERS = "name files; `nearlift new DIR --from FOLDER` takes them all"
 #: Covariates of a schedule that a channel of a record may be.
 COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "humidity")
 
@@ -110,29 +111,13 @@ class Inspection:
     @property
     def shared_stamps(self) -> str:
         """Remark on a clock with several rows to each stamp; empty where each has its own."""
-        clock, rows = self.clock, self.rows_per_stamp
-        if clock is None or rows < 2:
+        rows = self.rows_per_stamp
+        if self.clock is None or rows < 2:
             return ""
-        numbers = [c.name for c in self.contents.channels if _numbers(c, clock, rows)]
-        if not numbers and (clock.values % 1 == 0).all():
-            step = clock.values[rows] - clock.values[rows - 1]
-            coarse = (
-                f"{clock.name!r} has {rows} rows to each {step:g} {clock.unit}: it is too coarse"
-            )
-            return f"{coarse} for a clock of the samples; state their rate"
-        said = f"{numbers[0]!r} numbers them" if numbers else "no column numbers them"
         return (
-            f"each time of {clock.name!r} has {rows} rows: {rows} sensors in one file, and {said};"
-            " keep the rows of one sensor, as a file of its own"
+            f"each time of {self.clock.name!r} has {rows} rows: several sensors in one file, of which"
+            " keep one as a file of its own; or the clock is too coarse: state the samples' rate"
         )
-
-
-def _numbers(channel: Channel, clock: Channel, rows: int) -> bool:
-    """Whether a channel numbers the rows of each stamp."""
-    values = channel.values
-    if channel.name == clock.name or len(values) != len(clock.values):
-        return False
-    return len({*values[: 4 * rows]}) == rows and bool((values[rows:] == values[:-rows]).all())
 
 
 def inspect(
@@ -147,7 +132,13 @@ def inspect(
     ManifestError
         The dialect has a key that the file's format does not know.
     """
-    _require_content(path)
+    for wrong, what, remedy in (
+        (not path.exists(), "is missing", "name a file that an instrument wrote"),
+        (not path.is_file(), "is not a regular file", FOLDERS),
+        (path.is_file() and not path.stat().st_size, "is empty", "was the disk full?"),
+    ):
+        if wrong:
+            raise InputRefused(str(path), what, remedy)
     if not (dialect or record) and (grid := grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, grid=grid)
     reader = _reader_of(path)
@@ -178,22 +169,6 @@ def _with_unit(channel: Channel) -> Channel:
     if not unit and headings.is_clock(channel.name):
         unit = headings.stamp_unit(channel)
     return replace(channel, unit=unit)
-
-
-def _require_content(path: Path) -> None:
-    """Refuse anything but a plain file with content."""
-    if not path.exists():
-        what, remedy = "is missing", "name a file that an instrument wrote"
-    elif path.is_dir():
-        what = "is not a regular file"
-        remedy = "name a file in it; `nearlift new DIR --from FOLDER` takes them all"
-    elif not path.is_file():
-        what, remedy = "is not a regular file", "a record is a plain file, no pipe or device"
-    elif path.stat().st_size == 0:
-        what, remedy = "is empty", "it was never written, or the disk was full"
-    else:
-        return
-    raise InputRefused(str(path), what, remedy)
 
 
 def _reader_of(path: Path) -> Reader:

@@ -10,12 +10,8 @@ import tomlkit
 
 from nearlift.onboarding import proposal
 from nearlift.onboarding.inspection import Inspection
+from nearlift.reduction import quality
 from nearlift.rounding import bytes_text
-
-CODES = {
-    "truncated": "the file ends within a line or a segment: it is cut off, or still being written",
-    "dead_speed": "a rotor's speed reads zero while there is lift",
-}
 
 
 def channels(inspected: Inspection) -> list[dict[str, Any]]:
@@ -39,7 +35,7 @@ def notes(inspected: Inspection) -> list[str]:
                 f"{lost} of {len(c.values)} samples of {c.name!r} hold no number (blank, NaN, OVER,"
                 " #NV or the like)"
             )
-    remarks += [words for code, words in CODES.items() if code in contents.codes]
+    remarks += [quality.CODES[code] for code in contents.codes]
     remarks += [inspected.shared_stamps, inspected.doubt]
     if inspected.wraps:
         remarks.append(

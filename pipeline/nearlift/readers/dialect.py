@@ -13,6 +13,7 @@ import codecs
 import contextlib
 import csv
 import itertools
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,8 +28,6 @@ from nearlift.units import NUMBER
 READ = 20
 #: Rows of numbers that settle a dialect, though a later line breaks it.
 ROWS = 3
-#: Lines of a refusal that goes before all others.
-FARTHEST = 1 << 30
 OPTIONS = {
     "encoding": str,
     "separator": str,
@@ -76,38 +75,31 @@ UNSTATED = Dialect()
 
 def given(stated: RecordsDialect) -> Dialect:
     """The manifest's dialect as the sniffer takes it; `ManifestError` of a value that cannot be."""
-    options: dict[str, Any] = {
-        key: tuple(stated[key]) if isinstance(stated[key], list) else stated[key]  # type: ignore[arg-type]
-        for key in OPTIONS.keys() & stated.keys()
+    plain: dict[str, Any] = {key: stated[key] for key in OPTIONS if key in stated}
+    said = Dialect(**{k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()})
+    sign, is_encoding = said.thousands, False
+    with contextlib.suppress(LookupError):
+        is_encoding = codecs.lookup(said.encoding or "utf-8") is not None
+    wrong = {
+        key: "holds more than texts"
+        for key, value in plain.items()
+        if isinstance(value, list) and not all(isinstance(item, str) for item in value)
     }
-    said = Dialect(**options)
-    try:
-        codecs.lookup(said.encoding or "utf-8")
-        encoded = True
-    except LookupError:
-        encoded = False
-    lists = {key: getattr(said, key) for key in ("columns", "units", "ignore")}
-    sign = said.thousands
-    wrong_sign = len(sign) > 1 or sign.isalnum() or sign in ("+", "-")
-    for key, wrong, what in (
-        *(
-            (key, not all(isinstance(item, str) for item in value), "holds more than texts")
-            for key, value in lists.items()
-        ),
-        (
-            "units",
-            said.units and len(said.units) != len(said.columns),
-            "has not one for each column",
-        ),
-        ("decimal", said.decimal not in ("", ".", ","), 'is neither "." nor ","'),
-        ("thousands", wrong_sign, 'is no sign between thousands, as ",", "." or "\'"'),
-        ("thousands", sign and sign == said.decimal, "is the decimal sign as well"),
-        ("skip", said.skip < 0, "is negative"),
-        ("encoding", not encoded, 'is no encoding, as "utf-8", "utf-16" or "latin-1"'),
-    ):
-        if wrong:
-            value = f"{stated[key]!r} {what}"
-            raise ManifestError(f"records.dialect.{key}", value, "see docs/formats.md")
+    if said.units and len(said.units) != len(said.columns):
+        wrong.setdefault("units", "has not one for each column")
+    if said.decimal not in ("", ".", ","):
+        wrong["decimal"] = 'is neither "." nor ","'
+    if len(sign) > 1 or sign.isalnum() or sign in ("+", "-"):
+        wrong["thousands"] = 'is no sign between thousands, as ",", "." or "\'"'
+    elif sign and sign == said.decimal:
+        wrong["thousands"] = "is the decimal sign as well"
+    if said.skip < 0:
+        wrong["skip"] = "is negative"
+    if not is_encoding:
+        wrong["encoding"] = 'is no encoding, as "utf-8", "utf-16" or "latin-1"'
+    for key, what in wrong.items():
+        where = f"records.dialect.{key}"
+        raise ManifestError(where, f"{plain[key]!r} {what}", "see docs/formats.md")
     return said
 
 
@@ -117,9 +109,8 @@ def encoding_of(head: bytes, where: str) -> str:
         if head.startswith(mark):
             return name
     if head.startswith(_PACKED):
-        raise InputRefused(
-            where, "is compressed", "unpack it: what is inside is then digested and read as it is"
-        )
+        remedy = "unpack it: what is inside is then digested and read as it is"
+        raise InputRefused(where, "is compressed", remedy)
     if b"\0" in (full := head.rstrip(b"\0")):
         pairs = head[: len(head) // 2 * 2]
         for name, zeros in (("utf-16-le", pairs[1::2]), ("utf-16-be", pairs[0::2])):
@@ -144,28 +135,28 @@ def encoding_of(head: bytes, where: str) -> str:
 # ---- the layout that fits
 
 
-class NoRows(InputRefused):
+class Unfit(InputRefused):
+    """The refusal of one pair of signs, which read so many lines; infinity goes before all."""
+
+    lines: float
+
+
+class NoRows(Unfit):
     """A text without a single row of numbers."""
 
 
-class NoNames(InputRefused):
+class NoNames(Unfit):
     """Rows of so many numbers, without names above them."""
 
-    def __init__(self, where: str, what: str, remedy: str, columns: int) -> None:
-        super().__init__(where, what, remedy)
-        self.columns = columns
+    columns: int
 
 
-class _Unfit(Exception):
-    """The refusal of one pair of signs, and how many lines it read."""
-
-    def __init__(self, lines: int, refusal: InputRefused) -> None:
-        super().__init__(lines)
-        self.lines, self.refusal = lines, refusal
-
-
-def _unfit(lines: int, where: str, what: str, remedy: str = "") -> _Unfit:
-    return _Unfit(lines, InputRefused(where, what, remedy))
+def _unfit(
+    lines: float, where: str, what: str, remedy: str = "", kind: type[Unfit] = Unfit
+) -> Unfit:
+    refusal = kind(where, what, remedy)
+    refusal.lines = lines
+    return refusal
 
 
 def sniff(
@@ -181,20 +172,19 @@ def sniff(
         No dialect fits, several do, or neither a header nor the manifest names the columns.
     """
     fits: list[tuple[Layout, object]] = []
-    failed: list[_Unfit] = []
+    failed: list[Unfit] = []
     for strict in (True, False):
         for signs in _pairs(lines, said):
             try:
                 fits.append(_fitted(lines, where, signs, said, names, strict=strict))
-            except _Unfit as unfit:
+            except Unfit as unfit:
                 failed.append(unfit)
-        deepest = max(failed, key=lambda unfit: unfit.lines, default=None)
-        if fits or (deepest is not None and ROWS <= deepest.lines < FARTHEST):
+        farthest = max((unfit.lines for unfit in failed), default=0)
+        if fits or ROWS <= farthest < math.inf:
             # after so many rows a bad line is one, and no sign of another dialect
             break
     if not fits:
-        assert deepest is not None
-        raise deepest.refusal
+        raise max(failed, key=lambda unfit: unfit.lines)
     # cut alike, numbers such as 0,5 go before texts
     best = [
         (layout, reading)
@@ -209,11 +199,9 @@ def sniff(
             f"{SPOKEN[a.separator]} with decimal {'point' if a.decimal == '.' else 'comma'}"
             for a, _ in best[:2]
         )
-        raise InputRefused(
-            where,
-            f"can be read in two ways: separated by {ways}",
-            'say which: dialect = { separator = "...", decimal = "..." } under [records]',
-        )
+        what = f"can be read in two ways: separated by {ways}"
+        remedy = 'say which: dialect = { separator = "...", decimal = "..." } under [records]'
+        raise InputRefused(where, what, remedy)
     refuse_thousands(best[0][0], lines, where, said)
     return best[0][0]
 
@@ -240,11 +228,9 @@ def refuse_thousands(layout: Layout, lines: Sequence[str], where: str, said: Dia
     cells = (cell for cell in rows if "," in cell)
     cell = next(cells, "")
     if _THOUSANDS.fullmatch(cell) and all(map(_THOUSANDS.fullmatch, cells)):
-        raise InputRefused(
-            f"{where}, line {layout.first}",
-            f"{cell!r} may be {cell.replace(',', '.')} or {cell.replace(',', '')}",
-            'say which: dialect = { decimal = "," } under [records], or { thousands = "," }',
-        )
+        at, what = f"{where}, line {layout.first}", f"{cell!r} may be {cell.replace(',', '.')} or"
+        remedy = 'dialect = { decimal = "," } under [records], or { thousands = "," }'
+        raise InputRefused(at, f"{what} {cell.replace(',', '')}", f"say which: {remedy}")
 
 
 def _cut(line: str, signs: Layout) -> list[str]:
@@ -258,13 +244,12 @@ def _fitted(
 ) -> tuple[Layout, object]:
     """The layout of some lines by one pair of signs, and what it reads: names and first numbers.
 
-    `_Unfit` where they are not of it. `strict`: every cell of the first row is a number, or none.
+    `Unfit` where they are not of it. `strict`: every cell of the first row is a number, or none.
     """
     start = _first_row(lines, where, signs, said.skip, strict)
-    row = _cut(lines[start], signs)
-    names, units, top = _header(lines, where, signs, said, start, row)
+    at, row = f"{where}, line {start + 1}", _cut(lines[start], signs)
+    names, units, top = _header(lines, at, signs, said, start, row)
     trailing = 1 < len(row) == len(names) + 1 and row[-1] == "" and signs.separator.strip() != ""
-    at = f"{where}, line {start + 1}"
     if len(names) != len(row) - trailing:
         what = f"has {len(row) - trailing} cells under {len(names)} column names"
         remedy = "a decimal comma makes two cells of one; save it with points, or with semicolons"
@@ -275,13 +260,10 @@ def _fitted(
     if uncut or (signs.separator == NONE and not said.columns and re.search(r"[,;\t|]", bare)):
         raise _unfit(-2, where, "is one column" if uncut else "is not one column")
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise _unfit(
-            FARTHEST,
-            f"{where}, line {top + 1}",
-            f"has more than one column {twice[0]!r}",
-            "rename or drop one of them, or name all: dialect = { columns = [...] } under"
-            " [records]; several tables go into files of their own",
-        )
+        what = f"has more than one column {twice[0]!r}"
+        remedy = "rename or drop one of them, or name all: dialect = { columns = [...] } under"
+        several = f"{remedy} [records]; several tables go into files of their own"
+        raise _unfit(math.inf, f"{where}, line {top + 1}", what, several)
     texts = {i for i in range(len(names)) if signs.value(row[i]) is None}
     if texts and row[min(texts)].endswith(":"):
         what = f"labels its cells: {' '.join(row[min(texts) :][:2])!r}"
@@ -303,12 +285,11 @@ def _fitted(
             texts |= {i for i in blank if signs.value(cells[i]) is None}
             blank = {i for i in blank if not cells[i]}
             numbers = [layout.number(cells[i], at, names[i]) for i in chosen if i not in texts]
-        except InputRefused as refusal:
-            raise _Unfit(k - start, refusal) from None
+        except InputRefused as bad:
+            raise _unfit(k - start, bad.where, bad.what, bad.remedy) from None
         if len(read) < READ:
             read.append(tuple(0.5 if value != value else value for value in numbers))
-    preamble = sum(line.strip() != "" for line in lines[:top])
-    return replace(layout, preamble=preamble, texts=tuple(sorted(texts))), (names, tuple(read))
+    return replace(layout, texts=tuple(sorted(texts))), (names, tuple(read))
 
 
 def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, strict: bool) -> int:
@@ -323,13 +304,12 @@ def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, stric
             return min(first, at)
         if None in numbers or not lines[at].strip():
             first = at + 1
-    what = "holds no row of numbers in any dialect known"
     remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
-    raise _Unfit(-1, NoRows(where, what, remedy))
+    raise _unfit(-1, where, "holds no row of numbers in any dialect known", remedy, NoRows)
 
 
 def _header(
-    lines: Sequence[str], where: str, signs: Layout, said: Dialect, start: int, row: Sequence[str]
+    lines: Sequence[str], at: str, signs: Layout, said: Dialect, start: int, row: Sequence[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...], int]:
     """Names and units of the columns, and the index of the line of names, or of the first row."""
     if said.columns:
@@ -342,15 +322,12 @@ def _header(
         if len(units) == len(upper) and None not in units and any(units):
             return upper, tuple(unit or "" for unit in units), above[1]
     if not lower:
-        cells = f"{len(row)} cell{'s' * (len(row) > 1)}"
-        columns = f'["force"{", ..." * (len(row) > 1)}]'
-        refusal = NoNames(
-            f"{where}, line {start + 1}",
-            f"has no columns' names above its rows of {cells}",
-            f"name them: dialect = {{ columns = {columns} }} under [records]",
-            len(row),
-        )
-        raise _Unfit(1, refusal)
+        cells, more = f"{len(row)} cell{'s' * (len(row) > 1)}", ", ..." * (len(row) > 1)
+        what = f"has no columns' names above its rows of {cells}"
+        remedy = f'name them: dialect = {{ columns = ["force"{more}] }} under [records]'
+        refusal = NoNames(at, what, remedy)
+        refusal.lines, refusal.columns = 1, len(row)
+        raise refusal
     wide = _cut(lines[above[1]], signs) if len(above) > 1 else []
     if len(wide) == len(lower) > sum(map(bool, wide)) > 1 and wide[0]:
         # names over several columns, and their parts below

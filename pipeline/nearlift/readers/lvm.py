@@ -27,15 +27,14 @@ from nearlift.readers.base import (
     unit_word,
     wanted,
 )
-from nearlift.readers.dialect import encoding_of
+from nearlift.readers.dialect import UNSTATED
 from nearlift.readers.files import content_of
 from nearlift.readers.table import Layout, Lines, parse
+from nearlift.readers.text import plain
 
 FIRST = "LabVIEW Measurement"
 END = "***End_of_Header***"
 CLOCK, COMMENT = "X_Value", "Comment"
-#: Bytes that show the encoding.
-HEAD = 1 << 16
 
 #: The cells behind the keys of a header.
 Header = Mapping[str, Sequence[str]]
@@ -54,41 +53,35 @@ class _Series:
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of an LVM file; `InputRefused` of another file, or of a bad line."""
     content, where = content_of(path), str(path)
-    head = content[:HEAD]
-    if not head.strip(b"\0"):
+    if not content.strip(b"\0"):
         return Contents(kind="LVM", codes=("EMPTY",))
-    if not _is_lvm(head):
-        raise InputRefused(
-            f"{where}, line 1",
-            f"is not {FIRST!r}: this is no LVM file",
-            "`nearlift inspect FILE` says what it is",
-        )
-    encoding = encoding_of(head, where)
+    if not _is_lvm(content):
+        remedy = "`nearlift inspect FILE` says what it is"
+        raise InputRefused(f"{where}, line 1", f"is not {FIRST!r}: this is no LVM file", remedy)
+    text = plain(content, where, UNSTATED)
     try:
-        *lines, rest = content.decode(encoding).split("\n")
+        lines = text.body.decode().split("\n")
     except UnicodeDecodeError:
         remedy = "the file is damaged; copy it again from the rig"
-        raise InputRefused(where, f"is not {encoding} text throughout", remedy) from None
+        raise InputRefused(where, f"is not {text.encoding} text throughout", remedy) from None
     special = False
     for i, line in enumerate(lines):
-        lines[i] = line.rstrip("\r")
         if special or line.startswith("***Start_Special***"):
             special, lines[i] = not line.startswith("***End_Special***"), ""
-    # a number may be cut within its digits
-    cut = bool(rest.strip(" \t\r"))
-    about, at = _header(lines, 0, "\t" if "\t" in "".join(lines[:5]) else ",", where)
+    about, at = _header(lines, 0, "\t" if "\t" in "".join(lines[:5]) else ",")
     separator = "," if _at(about, "Separator", 0).casefold() == "comma" else "\t"
     series: dict[str, _Series] = {}
     starts = [i for i in range(at, len(lines)) if lines[i].startswith(f"Channels{separator}")]
+    # a number may be cut within its digits
+    cut = text.cut or not starts
     for start, end in itertools.pairwise([*starts, len(lines)]):
         cut |= _read_segment(lines[:end], start, separator, about, series, where)
-    several = _at(about, "X_Columns", 0).casefold() == "multi"
-    channels, notes = _channels(series, several)
+    channels, notes = _channels(series, _at(about, "X_Columns", 0).casefold() == "multi")
     chosen = [c for c in channels if wanted(c.name, names)]
     return Contents(
         channels=tuple(chosen or channels),
         kind="LVM",
-        codes=("truncated",) * (cut or not starts) + ("NO_DATA",) * (not channels),
+        codes=("truncated",) * cut + ("NO_DATA",) * (not channels),
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -98,15 +91,11 @@ def _refusal(where: str, at: int, what: str) -> InputRefused:
     return InputRefused(f"{where}, line {at + 1}", what, remedy)
 
 
-def _header(lines: Sequence[str], at: int, separator: str, where: str) -> tuple[Header, int]:
+def _header(lines: Sequence[str], at: int, separator: str) -> tuple[Header, int]:
     """A header's keys, and the index of the line behind its end."""
-    header: dict[str, list[str]] = {}
-    for i in range(at, len(lines)):
-        if lines[i].startswith(END):
-            return header, i + 1
-        key, *values = lines[i].split(separator)
-        header[key.strip()] = values
-    return header, len(lines)
+    end = next((i for i in range(at, len(lines)) if lines[i].startswith(END)), len(lines))
+    cells = (line.split(separator) for line in lines[at:end])
+    return {key.strip(): values for key, *values in cells}, end + 1
 
 
 def _read_segment(
@@ -118,7 +107,7 @@ def _read_segment(
     where: str,
 ) -> bool:
     """Append the segment that begins at `start`; whether it has fewer rows than it promises."""
-    header, at = _header(lines, start, separator, where)
+    header, at = _header(lines, start, separator)
     at = next((i for i in range(at, len(lines)) if lines[i].strip()), len(lines))
     if at == len(lines):
         return True
@@ -172,22 +161,19 @@ def _channels(series: Mapping[str, _Series], several: bool) -> tuple[list[Channe
     channels: list[Channel] = []
     notes: list[str] = []
     for i, (name, one) in enumerate(series.items()):
-        clock = np.concatenate(one.clock)
+        clock, values = np.concatenate(one.clock), np.concatenate(one.values)
         rate = 1 / one.step_s if one.step_s else None
         if len(clock) > 2 and np.isfinite(clock).all():
             measured = rate_of(clock)
             if measured is None or rate is None or abs(measured / rate - 1) > 0.01:
-                remark = (
-                    f"the header says {rate:.6g} Hz, X_Value {measured:.6g} Hz"
-                    if rate and measured
-                    else "X_Value has no steady rate that the header knows of"
-                )
+                remark = "X_Value has no steady rate that the header knows of"
+                if rate and measured:
+                    remark = f"the header says {rate:.6g} Hz, X_Value {measured:.6g} Hz"
                 notes.append(f"{remark}: the column is believed")
                 rate = measured
             if several or i == 0:
                 called = f"{name}.{CLOCK}" if several else CLOCK
                 channels.append(Channel(name=called, unit="s", rate_Hz=rate, values=clock))
-        values = np.concatenate(one.values)
         channels.append(Channel(name=name, unit=one.unit, rate_Hz=rate, values=values))
     return channels, notes
 

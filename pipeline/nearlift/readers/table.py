@@ -8,7 +8,6 @@ the first bad line. Both give the bits of Python's `float`.
 from __future__ import annotations
 
 import csv
-import functools
 import io
 import json
 import math
@@ -37,7 +36,6 @@ SEPARATORS = {
 }
 #: Separators in a sentence.
 SPOKEN = {sign: f"{name}s" for name, sign in SEPARATORS.items()} | {NONE: "line ends"}
-ENCODINGS = {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}
 #: Words of loggers for "no number", in lower case.
 NO_NUMBER = re.compile(
     r"(?:[-+]?(?:nan|inf)|over|ovf?l|o\.?l|#nv|#?n/a|na|null|-?1\.#(?:inf|qnan|ind))?"
@@ -62,8 +60,6 @@ class Layout:
 
     Attributes
     ----------
-    encoding : str
-        That of the file, for the user; the lines are UTF-8 already.
     separator : str
         One character, `BLANKS` or `NONE`.
     decimal, thousands : str
@@ -74,13 +70,10 @@ class Layout:
         The columns.
     first : int
         Line of the first row, from 1.
-    preamble : int
-        Number of lines above the column names.
     texts : tuple of int
         Indices of the columns that hold text.
     """
 
-    encoding: str = "utf-8"
     separator: str = ","
     decimal: str = "."
     thousands: str = ""
@@ -88,7 +81,6 @@ class Layout:
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     first: int = 1
-    preamble: int = 0
     texts: tuple[int, ...] = ()
 
     @property
@@ -112,19 +104,16 @@ class Layout:
     def value(self, cell: str) -> float | None:
         """The number of a cell; NaN for a word that means "no number", None where it is neither."""
         plain = cell.strip().lower()
-        if NO_NUMBER.fullmatch(plain):
-            return math.nan
         if self.thousands and "_" not in plain:
             point = plain.replace(self.thousands, "_").replace(self.decimal, ".")
             if groups := GROUPED.fullmatch(point):
                 plain = groups[1].replace("_", "") + groups[2].replace(".", self.decimal)
-        if self.decimal == ",":
+        if self.decimal == "," and not NO_NUMBER.fullmatch(plain):
             # a point would part thousands, or belong to another dialect: neither is a number here
             plain = "?" if "." in plain else plain.replace(",", ".")
-        if not NUMBER.fullmatch(plain):
-            return math.nan if NO_NUMBER.fullmatch(plain) else None
-        value = float(plain)
-        return value if math.isfinite(value) else math.nan
+        if NUMBER.fullmatch(plain):
+            return value if math.isfinite(value := float(plain)) else math.nan
+        return math.nan if NO_NUMBER.fullmatch(plain) else None
 
     def number(self, cell: str, at: str, column: str) -> float:
         """The number of a cell, NaN for "no number"; `InputRefused` of anything else."""
@@ -164,24 +153,16 @@ class Layout:
             )
         return row
 
-    @functools.cached_property
+    @property
     def spoken(self) -> str:
         """The dialect in words; empty for plain CSV."""
-        parts = []
-        if self.encoding not in ("utf-8", "ascii"):
-            parts.append(ENCODINGS.get(self.encoding, self.encoding.upper()))
-        if self.separator not in (",", NONE):
-            parts.append(f"separated by {SPOKEN.get(self.separator, repr(self.separator))}")
-        if self.decimal == ",":
-            parts.append("decimal commas")
-        if self.thousands:
-            parts.append(f"{self.thousands!r} between thousands")
-        if self.trailing:
-            parts.append("a separator at the end of every line")
-        if self.preamble:
-            lines = f"{self.preamble} line{'s' * (self.preamble > 1)}"
-            parts.append(f"{lines} above the columns' names left out")
-        return ", ".join(parts)
+        parts = {
+            f"separated by {SPOKEN.get(self.separator, repr(self.separator))}": self.separator
+            not in (",", NONE),
+            "decimal commas": self.decimal == ",",
+            f"{self.thousands!r} between thousands": self.thousands,
+        }
+        return ", ".join(part for part, applies in parts.items() if applies)
 
 
 # ---- columns

@@ -143,27 +143,27 @@ def csv_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     content = content_of(path)
     try:
         return from_text(content, str(path), Dialect(separator="comma", decimal="."), names)
-    except InputRefused as refusal:
+    except InputRefused:
         head = content[:HEAD].split(b"\n", 1)[0]
-        if b"," not in head and (b";" in head or b"\t" in head):
-            remedy = 'save it with commas and decimal points, or say reader = "text"'
-            raise InputRefused(f"{path}, line 1", "is not parted by commas", remedy) from None
-        raise refusal from None
+        if b"," in head or not (b";" in head or b"\t" in head):
+            raise
+    remedy = 'save it with commas and decimal points, or say reader = "text"'
+    raise InputRefused(f"{path}, line 1", "is not parted by commas", remedy)
 
 
 def sheet_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The columns of numbers of the first sheet, read as the table that it would be as CSV."""
-    content, sheets = sheet_of(path)
-    said = given({"separator": "comma", **dialect})
+    content, (sheet, *others) = sheet_of(path)
     columns = Contents()
-    with contextlib.suppress(*([NoRows] if len(sheets) > 1 else [])):
+    with contextlib.suppress(*([NoRows] if others else [])):
+        said = given({"separator": "comma", **dialect})
         columns = from_text(content.encode(), str(path), said, names)
-    if not columns.channels and len(sheets) > 1:
-        others = ", ".join(map(repr, sheets[1:4]))
-        what = f"has no rows of numbers in its first sheet, {sheets[0]!r}; others are {others}"
+    if others and not columns.channels:
+        listed = ", ".join(map(repr, others[:3]))
+        what = f"has no rows of numbers in its first sheet, {sheet!r}; others are {listed}"
         raise InputRefused(str(path), what, "move the table to the first sheet")
-    left_out = f"; {len(sheets) - 1} more left out" if len(sheets) > 1 else ""
-    return replace(columns, kind=f"spreadsheet, sheet {sheets[0]!r}{left_out}")
+    left_out = f"; {len(others)} more left out" if others else ""
+    return replace(columns, kind=f"spreadsheet, sheet {sheet!r}{left_out}")
 
 
 def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Contents:
@@ -190,7 +190,6 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
         if text.body.count(b"\n") > 2:
             raise
         return Contents(kind="text", codes=("NO_DATA", *["truncated"] * text.cut))
-    layout = replace(layout, encoding=text.encoding)
     read = by_layout(text, layout, names, where)
     if len(_earlier) < MOST_KEPT:
         top = text.body.removesuffix(text.body.split(b"\n", layout.first - 1)[-1])
@@ -206,60 +205,56 @@ def _cells(rows: bytes, layout: Layout) -> list[str]:
 
 
 def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents:
-    """The channels of a text in a known layout."""
-    body = text.body.split(b"\n", layout.first - 1)[-1]
+    """The channels of a text in a known layout: those that `pick` may choose, or all.
+
+    A column of times of day is read as seconds; notes name those that cannot be read.
+    """
+    body, notes = text.body.split(b"\n", layout.first - 1)[-1], []
     rows = Lines(body=body, where=where, line=layout.first)
-    numbers, clocks, notes = _chosen(layout, names, rows)
-    arrays, times = parse(rows, layout, numbers, clocks)
-    columns = dict(zip(numbers, arrays, strict=True))
-    units = dict(enumerate(layout.units))
-    for i, cells in zip(clocks, times, strict=True):
+    row = _cells(body.lstrip(b"\n"), layout)[: len(layout.names)]
+    words = {i for i, cell in enumerate(row) if layout.value(cell) is None}
+    times = {i for i in words if is_time(row[i])}
+    if layout.spoken:
+        notes.append(f"text read as {layout.spoken}")
+    if names is None:
+        chosen = {*layout.numeric} | (times := times & {*layout.texts})
+        notes += [
+            f"column {name!r} is not read: {row[i]!r} is no time of day that is known"
+            for i, name in enumerate(layout.names)
+            if i in words
+            and not is_time(row[i])
+            and (re.search(r"\d:\d\d", row[i]) or fold(split_unit(name)[0]) in CALLED_TIME)
+        ]
+    else:
+        chosen = {i for name in names for i in fitting(layout.names, name)}
+        if not chosen:
+            channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
+            place = f"{where}, line {max(layout.first - 1, 1)}"
+            # refuses: none of them fits
+            pick(channels, names[0], "records.force.column", place)
+    numbers, clocks = sorted(chosen - times), sorted(chosen & times)
+    arrays, texts = parse(rows, layout, numbers, clocks)
+    columns = {i: (layout.units[i], values) for i, values in zip(numbers, arrays, strict=True)}
+    for i, cells in zip(clocks, texts, strict=True):
         seconds, bad = seconds_of(cells)
         name, is_read = layout.names[i], "read as seconds from its first"
         if bad is None:
-            columns[i], units[i] = seconds, "s"
+            columns[i] = "s", seconds
         elif names is not None:
             what = f"has no time of day in column {name!r}, row {bad + 1}"
             raise InputRefused(where, what, CORRECT_LINE)
         else:
             is_read = f"not read: row {bad + 1} is none"
         notes.append(f"column {name!r} is a time of day: {is_read}")
-    if layout.spoken:
-        notes.insert(0, f"text read as {layout.spoken}")
     return Contents(
         channels=tuple(
-            Channel(name=layout.names[i], unit=units[i], values=columns[i]) for i in sorted(columns)
+            Channel(name=layout.names[i], unit=unit, values=values)
+            for i, (unit, values) in sorted(columns.items())
         ),
         kind="text" + (f": {layout.spoken}" if layout.spoken else ""),
         codes=("truncated",) if text.cut else (),
         notes=tuple(notes),
     )
-
-
-def _chosen(layout: Layout, names: Names, rows: Lines) -> tuple[list[int], list[int], list[str]]:
-    """Indices of the columns of numbers to read, and of times of day, by the first row: those that
-    `pick` may choose, or all. Notes name the times that cannot be read.
-    """
-    row = _cells(rows.body.lstrip(b"\n"), layout)[: len(layout.names)]
-    texts = [i for i, cell in enumerate(row) if layout.value(cell) is None]
-    clocks = [i for i in texts if is_time(row[i])]
-    if names is None:
-        unread = [
-            f"column {layout.names[i]!r} is not read: {row[i]!r} is no time of day that is known"
-            for i in texts
-            if i not in clocks
-            and (
-                re.search(r"\d:\d\d", row[i]) or fold(split_unit(layout.names[i])[0]) in CALLED_TIME
-            )
-        ]
-        return layout.numeric, [i for i in clocks if i in layout.texts], unread
-    chosen = {i for name in names for i in fitting(layout.names, name)}
-    if not chosen:
-        channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
-        place = f"{rows.where}, line {max(layout.first - 1, 1)}"
-        # refuses: none of them fits
-        pick(channels, names[0], "records.force.column", place)
-    return sorted(chosen.difference(clocks)), sorted(chosen.intersection(clocks)), []
 
 
 def cells_of(content: bytes, where: str, dialect: RecordsDialect) -> tuple[Layout, list[list[str]]]:
