@@ -33,7 +33,7 @@ def cuts(campaign: Path, out: Path) -> tuple[dict[str, Any], str]:
     reader.checked_dialect(given.records.dialect)
     pieces = reader.places(given, campaign, read_schedule(given, campaign).trial.tolist())
     records = [
-        segments.read(given, campaign, reader, record, path) for record, (path, _) in pieces.items()
+        segments.read(given, campaign, reader, record, path) for record, path in pieces.items()
     ]
     place = out / "reports" / given.name / "segments.png"
     place.parent.mkdir(parents=True, exist_ok=True)

@@ -115,8 +115,8 @@ class Inspection:
         if self.clock is None or rows < 2:
             return ""
         return (
-            f"each time of {self.clock.name!r} has {rows} rows: several sensors in one file, of which"
-            " keep one as a file of its own; or the clock is too coarse: state the samples' rate"
+            f"each time of {self.clock.name!r} has {rows} rows: several sensors in one file, of"
+            " which keep one as a file of its own; or the clock is too coarse: state the rate"
         )
 
 

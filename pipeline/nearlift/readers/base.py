@@ -14,7 +14,6 @@ from __future__ import annotations
 import difflib
 import functools
 import importlib
-import itertools
 import re
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,8 +39,8 @@ RecordsDialect = Mapping[str, object]
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
 _NOT_IN_NAMES = re.compile(r"[/\\\0]")
-#: Files of one task, and bytes, whatever is reached first.
-FILES_PER_PIECE, BYTES_PER_PIECE = 32, 64 << 20
+#: Files of one task.
+FILES_PER_PIECE = 8
 #: Names of the channels wanted; None for all.
 Names = tuple[str, ...] | None
 #: Units by their own names, in letters of any size.
@@ -192,27 +191,13 @@ def library(name: str, extra: str) -> Any:
 class Record:
     """The load-cell series of one trial.
 
-    Attributes
-    ----------
-    trial : str
-        Id, as in the schedule.
-    force_N : (n,) float array
-        Lift in N, up positive: sign and calibration applied, tare *not* removed. NaN where the file
-        holds no number.
-    time_s : (n,) float array or None
-        The clock column, where the manifest names one.
-    source : str
-        File, relative to the campaign's folder.
-    codes : tuple of str
-        Quality codes that the reader gives (names in `reduction.quality.CODES`).
-    notes : tuple of str
-        Remarks for the user, without the file's name: equal ones of many records are printed once.
-    fault : str
-        The reason of a MALFORMED record, in words.
-    refusal : InputRefused or None
-        There where the file cannot be read in the way that the manifest asks for.
-    contents : Contents or None
-        All channels of the file, where they were asked for.
+    `force_N` (n,) is lift in N, up positive: sign and calibration applied, tare *not* removed, NaN
+    where the file holds no number. `time_s` (n,) is the clock, where the manifest names one.
+    `source` is the file, relative to the campaign's folder. `codes` are quality codes that the
+    reader gives (names in `reduction.quality.CODES`). `notes` leave out the file's name, so that
+    equal ones of many records are printed once. `fault` is the reason of a MALFORMED record.
+    `refusal` is there where the file cannot be read in the way that the manifest asks for, and
+    `contents`, all channels of the file, where they were asked for.
     """
 
     trial: str
@@ -368,10 +353,8 @@ class Reader:
             return guarded.run(self.contents, path, dict(dialect), names)
         return self.contents(path, dialect, names)
 
-    def places(
-        self, campaign: Campaign, root: Path, trials: Sequence[str]
-    ) -> dict[str, tuple[Path, int]]:
-        """File and size in bytes of each trial that has one, a regular file under `root`.
+    def places(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, Path]:
+        """The file of each trial that has one, a regular file under `root`.
 
         `ManifestError` where a trial's id is in both files and column, in neither, or no part of a
         file's name can be it.
@@ -390,17 +373,17 @@ class Reader:
                 " trials, in force.column",
             )
         if in_column:
-            path, size = files.inside(root, pattern, "records.files")
-            return {} if size is None else dict.fromkeys(trials, (path, 0))
-        there: dict[str, tuple[Path, int]] = {}
+            path, is_there = files.inside(root, pattern, "records.files")
+            return dict.fromkeys(trials, path) if is_there else {}
+        there: dict[str, Path] = {}
         for trial in trials:
             if _NOT_IN_NAMES.search(trial) or trial in (".", ".."):
                 remedy = "use letters, digits, '-', '_' and '.'"
                 what = "has an id that cannot be part of a file name"
                 raise ManifestError(f"trial {trial!r}", what, remedy)
-            path, size = files.inside(root, pattern.replace(MARK, trial), "records.files")
-            if size is not None:
-                there[trial] = path, size
+            path, is_there = files.inside(root, pattern.replace(MARK, trial), "records.files")
+            if is_there:
+                there[trial] = path
         return there
 
     def plan(
@@ -411,14 +394,9 @@ class Reader:
         """
         self.checked_dialect(campaign.records.dialect)
         there, pattern = self.places(campaign, root, trials), campaign.records.pattern
-        names, paths = tuple(there), tuple(path for path, _ in there.values())
-        ends, size = [0], 0
-        for i, (_, length) in enumerate(there.values(), start=1):
-            size += length
-            if i - ends[-1] == FILES_PER_PIECE or size > BYTES_PER_PIECE or i == len(there):
-                ends.append(i)
-                size = 0
-        pieces = [Piece(trials=names[a:b], paths=paths[a:b]) for a, b in itertools.pairwise(ends)]
+        names, paths = tuple(there), tuple(there.values())
+        stretches = [slice(i, i + FILES_PER_PIECE) for i in range(0, len(names), FILES_PER_PIECE)]
+        pieces = [Piece(trials=names[part], paths=paths[part]) for part in stretches]
         marked = MARK in pattern
         notes = files.unlisted(root, pattern, trials, campaign.trials.file) if marked else []
         return pieces, notes
@@ -430,18 +408,17 @@ class Reader:
         channels of their files.
         """
         for trial, path in zip(piece.trials, piece.paths, strict=True):
-            source, names = files.source_of(root, path), names_of(campaign, trial)
-            contents = Contents(codes=("EMPTY",))
-            try:
-                if path.stat().st_size:
-                    dialect = campaign.records.dialect
-                    contents = self.open(path, dialect, None if whole else names)
-                record = record_of(campaign, contents, trial, str(path), source)
-            except Exception as fault:
-                record = malformed(trial, root, source, fault)
-            else:
-                record = replace(record, contents=contents) if whole else record
-            # its channels need not be in memory while the record is reduced
-            del contents
-            yield record
-            del record
+            yield self._record(campaign, root, trial, path, whole)
+
+    def _record(
+        self, campaign: Campaign, root: Path, trial: str, path: Path, whole: bool
+    ) -> Record:
+        source, contents = files.source_of(root, path), Contents(codes=("EMPTY",))
+        try:
+            if path.stat().st_size:
+                names = None if whole else names_of(campaign, trial)
+                contents = self.open(path, campaign.records.dialect, names)
+            record = record_of(campaign, contents, trial, str(path), source)
+        except Exception as fault:
+            return malformed(trial, root, source, fault)
+        return replace(record, contents=contents) if whole else record

@@ -76,7 +76,10 @@ UNSTATED = Dialect()
 def given(stated: RecordsDialect) -> Dialect:
     """The manifest's dialect as the sniffer takes it; `ManifestError` of a value that cannot be."""
     plain: dict[str, Any] = {key: stated[key] for key in OPTIONS if key in stated}
-    said = Dialect(**{k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()})
+    options: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in plain.items()
+    }
+    said = Dialect(**options)
     sign, is_encoding = said.thousands, False
     with contextlib.suppress(LookupError):
         is_encoding = codecs.lookup(said.encoding or "utf-8") is not None

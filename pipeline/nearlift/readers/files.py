@@ -52,8 +52,8 @@ class Piece:
 # ---- places
 
 
-def inside(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
-    """Path of a file that a manifest names, and its size in bytes: None where there is no file.
+def inside(root: Path, relative: str, key: str) -> tuple[Path, bool]:
+    """Path of a file that a manifest names, and whether there is a file.
 
     `InputRefused` where it leads outside the campaign's folder, by ``..`` or by a symbolic link.
     `InputRefused` also where it exists but is no regular file.
@@ -76,7 +76,7 @@ def inside(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
     if status is not None and not stat.S_ISREG(status.st_mode):
         remedy = "a record is a plain file, no folder, pipe or device"
         raise InputRefused(str(path), "is not a regular file", remedy)
-    return path, None if status is None else status.st_size
+    return path, status is not None
 
 
 @functools.lru_cache(maxsize=64)

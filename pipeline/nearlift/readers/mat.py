@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.readers.base import (
     Channel,
     Contents,
@@ -35,9 +34,11 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a MATLAB file; any fault of the file is scipy's or h5py's to raise."""
     head = head_of(path, 1024)
     newest = MAGIC in (head[:8], head[512:520])
-    channels, objects = _v73(path) if newest else _v5(path)
-    for name in objects:
-        channels += _table(path, name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        channels, objects = _v73(path) if newest else _v5(path)
+        for name in objects:
+            channels += _table(path, name)
     chosen = tuple(c for c in channels if wanted(c.name, names))
     return Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
 
@@ -47,11 +48,9 @@ def _v5(path: Path) -> tuple[list[Channel], list[str]]:
     import scipy.io
     from scipy.io.matlab import MatlabOpaque
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        variables = scipy.io.loadmat(
-            str(path), struct_as_record=False, squeeze_me=False, chars_as_strings=True
-        )
+    variables = scipy.io.loadmat(
+        str(path), struct_as_record=False, squeeze_me=False, chars_as_strings=True
+    )
     channels: list[Channel] = []
     objects: list[str] = []
     for name, value in variables.items():
@@ -79,26 +78,23 @@ def _flat(name: str, value: Any) -> Iterator[Channel]:
 
 
 def _columns(name: str, value: Any) -> Iterator[Channel]:
+    values = np.array(value, dtype=np.float64, order="F")
     if min(value.shape) <= 1:
-        yield Channel(name=name, values=_floats(value.reshape(-1)))
+        yield Channel(name=name, values=values.reshape(-1))
     elif value.shape[1] <= MOST_COLUMNS:
         for i in range(value.shape[1]):
-            yield Channel(name=f"{name}(:,{i + 1})", values=_floats(value[:, i]))
-
-
-def _floats(values: Any) -> FloatArray:
-    return np.ascontiguousarray(values, dtype=np.float64)
+            yield Channel(name=f"{name}(:,{i + 1})", values=values[:, i])
 
 
 def _v73(path: Path) -> tuple[list[Channel], list[str]]:
-    h5py = library("h5py", "mat")
     channels: list[Channel] = []
     objects: list[str] = []
-    with h5py.File(path, "r") as file:
+    with library("h5py", "mat").File(path, "r") as file:
         for name, item in datasets(file, []):
+            kind = item.attrs.get("MATLAB_class", b"double")
+            variable = name.strip("/").replace("/", ".")
             if name.startswith("/#"):
                 continue
-            variable = name.strip("/").replace("/", ".")
             if "MATLAB_object_decode" in item.attrs:
                 objects.append(variable)
             # logicals and texts are integers with another class
@@ -106,7 +102,7 @@ def _v73(path: Path) -> tuple[list[Channel], list[str]]:
                 item.dtype.kind in "iuf"
                 and item.ndim == 2
                 and "MATLAB_empty" not in item.attrs
-                and item.attrs.get("MATLAB_class", b"double") not in (b"char", b"logical", b"cell")
+                and kind not in (b"char", b"logical", b"cell")
             ):
                 # MATLAB's first axis is HDF5's last
                 channels += _columns(variable, np.asarray(item[()]).T)
@@ -115,10 +111,7 @@ def _v73(path: Path) -> tuple[list[Channel], list[str]]:
 
 def _table(path: Path, name: str) -> Iterator[Channel]:
     """The columns of a table or timetable, the time in s."""
-    matio = library("matio", "mat")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        table = matio.load_from_mat(str(path), variable_names=[name]).get(name)
+    table = library("matio", "mat").load_from_mat(str(path), variable_names=[name]).get(name)
     if table is None or not hasattr(table, "columns"):
         return
     index = table.index
@@ -126,11 +119,11 @@ def _table(path: Path, name: str) -> Iterator[Channel]:
         # durations, or dates: since the first
         since = index - index[0] if index.dtype.kind == "M" and len(index) else index
         seconds = since.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9
-        yield Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=_floats(seconds))
+        yield Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=seconds)
     for column in table.columns:
         values = table[column].to_numpy()
         if values.dtype.kind in "iuf":
-            yield Channel(name=f"{name}.{column}", values=_floats(values))
+            yield Channel(name=f"{name}.{column}", values=values.astype(np.float64))
 
 
 READER = Reader(

@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -42,7 +42,6 @@ TRIAL = "trial"
 #: Rows of one batch, and of one piece at least.
 BATCH, ROWS = 1 << 16, 1 << 21
 
-Asked = ParamSpec("Asked")
 Answer = TypeVar("Answer")
 
 
@@ -159,12 +158,10 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
 # ---- the reader
 
 
-def _asked(
-    function: Callable[Asked, Answer], *arguments: Asked.args, **named: Asked.kwargs
-) -> Answer:
+def _asked(function: Callable[..., Answer], *arguments: object) -> Answer:
     """The guarded answer; an unreadable file is refused, since it holds all trials."""
     try:
-        return guarded.run(function, *arguments, **named)
+        return guarded.run(function, *arguments)
     except Malformed as fault:
         what = f"is no table of Parquet that can be read: {fault}"
         remedy = "copy it again from the rig, or write it again"
@@ -180,25 +177,23 @@ def trials(path: Path) -> list[str]:
 class LongTable(Reader):
     """The reader of one table for all trials."""
 
-    def places(
-        self, campaign: Campaign, root: Path, trials: Sequence[str]
-    ) -> dict[str, tuple[Path, int]]:
+    def places(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, Path]:
         """The table, for every trial; `InputRefused` where it is not there."""
         pattern = campaign.records.pattern
         if "{" in pattern:
             remedy = 'reader = "parquet" takes one long table with a column "trial"'
             raise ManifestError("records.files", f"{pattern!r} is a pattern", remedy)
-        path, size = inside(root, pattern, "records.files")
-        if size is None:
+        path, is_there = inside(root, pattern, "records.files")
+        if not is_there:
             remedy = "name the table under [records] files = ..."
             raise InputRefused(str(path), "is missing", remedy)
-        return dict.fromkeys(trials, (path, size))
+        return dict.fromkeys(trials, path)
 
     def plan(
         self, campaign: Campaign, root: Path, trials: Sequence[str]
     ) -> tuple[list[Piece], list[str]]:
         """Stretches of trials, each of at least `ROWS` rows."""
-        ((path, _),) = {*self.places(campaign, root, trials).values()}
+        [path] = {*self.places(campaign, root, trials).values()}
         keys = ("records.force.column", "records.time.column")
         columns = dict(zip(keys, names_of(campaign, MARK), strict=False))
         held, listed = _asked(spans, path, columns), set(trials)

@@ -20,16 +20,16 @@ from __future__ import annotations
 import csv
 import functools
 import re
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from nearlift import units
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused
 from nearlift.readers.base import (
     AS_FORCE,
+    FORCE_UNITS,
     Contents,
     Names,
     Reader,
@@ -52,37 +52,28 @@ class Stand:
     it have a column of each form in `needs`; `speeds` are those of rotors.
     """
 
-    name: str
     title: str
-    needs: tuple[re.Pattern[str], ...]
-    speeds: re.Pattern[str]
+    needs: tuple[str, ...]
+    speeds: str
 
 
-STANDS = (
-    Stand(
-        name="rcbenchmark",
+STANDS = {
+    "rcbenchmark": Stand(
         title="RCbenchmark 15xx",
-        needs=(
-            re.compile("time"),
-            re.compile("esc signal"),
-            re.compile("thrust"),
-            re.compile("voltage"),
-        ),
-        speeds=re.compile(r"\Amotor.*speed.*"),
+        needs=("time", "esc signal", "thrust", "voltage"),
+        speeds="motor.*speed.*",
     ),
-    Stand(
-        name="flight-stand",
+    "flight-stand": Stand(
         title="Tyto Flight Stand v2",
-        needs=(re.compile("time"), re.compile(r"powertrain \d+ - force fz.*")),
-        speeds=re.compile(r"\A.*rotation speed"),
+        needs=("time", r"powertrain \d+ - force fz.*"),
+        speeds=".*rotation speed",
     ),
-    Stand(
-        name="crazyflie",
+    "crazyflie": Stand(
         title="Crazyflie system identification",
-        needs=(re.compile("pwm"), re.compile("vbat"), re.compile("weight|thrust")),
-        speeds=re.compile(r"rpm\d"),
+        needs=("pwm", "vbat", "weight|thrust"),
+        speeds=r"rpm\d",
     ),
-)
+}
 
 
 def _header(head: bytes) -> list[str]:
@@ -96,7 +87,7 @@ def _header(head: bytes) -> list[str]:
 
 def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
     names = [_bare(cell) for cell in _header(head)]
-    return all(any(form.fullmatch(name) for name in names) for form in stand.needs)
+    return all(any(re.fullmatch(form, name) for name in names) for form in stand.needs)
 
 
 def _bare(name: str) -> str:
@@ -110,18 +101,16 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     if not content.strip(b"\0"):
         return Contents(kind=stand.title, codes=("EMPTY",))
     if not _is_of(stand, content):
-        raise InputRefused(
-            f"{path}, line 1",
-            f"has not the header of {stand.title}",
-            '`nearlift inspect FILE` says what it is; another version may want reader = "text"',
-        )
+        what = f"has not the header of {stand.title}"
+        remedy = '`nearlift inspect FILE` says what it is; another version may want reader = "text"'
+        raise InputRefused(f"{path}, line 1", what, remedy)
     columns = _header(content)
     trailing = columns[-1] == ""
     columns = columns[:-1] if trailing else columns
     if len(set(columns)) < len(columns):
         what = f"has more than one column {max(columns, key=columns.count)!r}"
         raise InputRefused(f"{path}, line 1", what, "rename or drop one of them")
-    speeds = [name for name in columns if stand.speeds.fullmatch(_bare(name))]
+    speeds = [name for name in columns if re.fullmatch(stand.speeds, _bare(name))]
     also = None if names is None else (*names, *speeds)
     text = plain(content, str(path), Dialect(encoding="utf-8"))
     layout = Layout(
@@ -133,40 +122,35 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     )
     file = by_layout(text, layout, also, str(path))
     empty = not file.channels or not len(file.channels[0].values)
-    codes = (
-        *file.codes,
-        *["dead_speed"] * _dead(file, speeds),
-        *["NO_DATA"] * empty,
-    )
+    codes = (*file.codes, *["dead_speed"] * _dead(file, speeds), *["NO_DATA"] * empty)
     file = replace(file, kind=stand.title, codes=codes, notes=())
     return with_rate(file) if names is None else file
 
 
-def _dead(file: Contents, speeds: Collection[str]) -> bool:
+def _dead(file: Contents, speeds: list[str]) -> bool:
     """Whether there is lift, and all speeds, or one of more than two, read zero."""
-    lift = 0.0
-    for c in file.channels:
-        if re.search("thrust|weight|force fz", fold(c.name)):
-            try:
-                factor = units.to_si(AS_FORCE.get(c.unit, c.unit), "force", c.name)[0]
-            except ManifestError:
-                continue
-            lift = max(lift, factor * float(np.nanmax(np.abs(c.values), initial=0.0)))
+    lifts = [
+        units.to_si(unit, "force", c.name)[0] * float(np.nanmax(np.abs(c.values), initial=0.0))
+        for c in file.channels
+        if re.search("thrust|weight|force fz", fold(c.name))
+        and (unit := AS_FORCE.get(c.unit, c.unit)) in FORCE_UNITS
+    ]
     still = [
         not np.nan_to_num(c.values).any()
         for c in file.channels
         if c.name in speeds and len(c.values)
     ]
     # with two kinds of probe one is used; a craft with four rotors turns all
-    return lift >= MIN_LIFT_N and bool(still) and (all(still) or (len(still) > 2 and any(still)))
+    some = bool(still) and (all(still) or (len(still) > 2 and any(still)))
+    return some and max(lifts, default=0.0) >= MIN_LIFT_N
 
 
 READERS = {
-    stand.name: Reader(
-        name=stand.name,
+    name: Reader(
+        name=name,
         title=f"{stand.title} CSV, one file per trial",
         contents=functools.partial(contents, stand),
         recognises=functools.partial(_is_of, stand),
     )
-    for stand in STANDS
+    for name, stand in STANDS.items()
 }

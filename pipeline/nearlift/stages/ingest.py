@@ -89,7 +89,7 @@ def inputs(root: Path, campaign: Campaign) -> Inputs:
 
     trials = list(read_schedule(campaign, root).trial)
     records = readers.reader(campaign.records.reader).places(campaign, root, trials).values()
-    paths = [schedule_file(campaign, root), *dict.fromkeys(path for path, _ in records)]
+    paths = [schedule_file(campaign, root), *dict.fromkeys(records)]
     return {file: (file,) for file in (source_of(root, path) for path in paths)}
 
 
