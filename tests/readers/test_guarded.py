@@ -90,6 +90,17 @@ def test_one_process_serves_file_after_file_for_all_threads(small: guarded.Guard
     assert set(found) == {small.start().pid} != {os.getpid()}
 
 
+@pytest.mark.filterwarnings("ignore:.*fork")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_forked_copy_asks_a_process_of_its_own() -> None:
+    """Two that shared a pipe would get each other's answers."""
+    ours = guarded.run.start().pid
+    if not (copy := os.fork()):
+        os._exit(guarded.run.start().pid == ours)
+    assert os.waitpid(copy, 0)[1] == 0
+    assert guarded.run(os.getpid) == ours
+
+
 def test_the_process_is_limited_and_writes_no_file(small: guarded.Guarded, tmp_path: Path) -> None:
     assert small(resource.getrlimit, resource.RLIMIT_AS) == (1 << 30, 1 << 30)
     assert small(resource.getrlimit, resource.RLIMIT_CORE) == (0, 0)
@@ -186,12 +197,6 @@ def gzip_bomb(path: Path) -> None:
             file.write(b"0,0\n" * (1 << 18))
 
 
-def rows_bomb(path: Path) -> None:
-    """A text within all limits of bytes, with a row for every two of them."""
-    with gzip.open(path, "wb", compresslevel=9) as file:
-        file.write(b"force\n" + b"0\n" * (15 << 20))
-
-
 READ = """
 import resource, sys
 from pathlib import Path
@@ -217,8 +222,7 @@ print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
         pytest.param("bomb.h5", hdf5_bomb, marks=pytest.mark.nightly),
         ("bomb.parquet", parquet_bomb),
         pytest.param("bomb.mat", mat_bomb, marks=pytest.mark.nightly),
-        pytest.param("bomb.csv.gz", gzip_bomb, marks=pytest.mark.nightly),
-        ("rows.csv.gz", rows_bomb),
+        ("bomb.csv.gz", gzip_bomb),
     ],
 )
 def test_a_small_file_fills_no_memory(
@@ -233,5 +237,5 @@ def test_a_small_file_fills_no_memory(
     )
     *what, parent, child = done.stdout.splitlines()
     words = ("memory", "allocate", "unpacks to more", "holds more")
-    assert name == "rows.csv.gz" or any(word in what[0] for word in words)
+    assert any(word in what[0] for word in words)
     assert max(int(parent), int(child)) <= LIMIT_KB

@@ -125,17 +125,6 @@ def test_the_lowest_level_is_a_tare_between_the_others(tmp_path: Path) -> None:
     assert abs(head["lift_N"][-1] - lift_N(2.0, 80)) > 0.05
 
 
-def test_levels_of_two_records_are_one_within_tolerance(tmp_path: Path) -> None:
-    folder = write(tmp_path / "raw", (1.0, 2.0))
-    for k in range(2):
-        path = folder / "sweeps" / f"r{k}.csv"
-        text = path.read_text().replace(",60.0,", f",{60 + k / 10},")
-        path.write_text(text)
-    assert len(set(table(folder, tmp_path / "a")["throttle"].tolist())) == 4
-    one = table(folder, tmp_path / "b", cut={"tolerance": 0.2})
-    assert len(set(one["throttle"].tolist())) == 3
-
-
 def test_a_stepping_distance(tmp_path: Path) -> None:
     """One throttle, the traverse in steps: every stop is a visit."""
     folder = tmp_path / "raw"
@@ -159,45 +148,61 @@ def test_a_stepping_distance(tmp_path: Path) -> None:
     np.testing.assert_allclose(trials["throttle"], 0.5)
 
 
-def test_a_command_in_steps_of_its_own_and_a_supply(root: Path, tmp_path: Path) -> None:
-    trials = table(
-        root,
-        tmp_path,
-        cut={
-            "unit": None,
-            "zero": 0.0,
-            "full": 80.0,
-            "columns": {"supply": {"column": "supply", "unit": "V"}},
-        },
-    )
-    np.testing.assert_allclose(trials["throttle"], [0.5, 0.75, 1.0] * 3)
-    np.testing.assert_allclose(trials["supply_V"], [15.6, 15.4, 15.2] * 3, atol=0.005)
-    assert "record supply" not in trials
-
-
-def test_plateaus_of_the_force(root: Path, tmp_path: Path) -> None:
-    """No command was logged but its mean: the force itself says where it steps."""
-    trials = table(
-        root,
-        tmp_path,
-        cut={
-            "column": None,
-            "cut": "plateaus",
-            "unit": None,
-            "step": "50 mN",
-            "columns": {"throttle": {"column": "throttle", "unit": "percent"}},
-        },
-    )
-    np.testing.assert_allclose(trials["throttle"], [0.4, 0.6, 0.8] * 3)
-    want = [lift_N(z, t) for z in (1.0, 2.0, 4.0) for t in THROTTLES[1:-1]]
-    np.testing.assert_allclose(trials["lift_N"], want, atol=0.002)
-
-
-def test_windows_within_levels(root: Path, tmp_path: Path) -> None:
-    trials = table(root, tmp_path, cut={"length": "1 s", "shortest": "1 s"})
-    assert len(trials["trial"]) == 27
-    assert set(trials["n"].tolist()) == {80}
+@pytest.mark.parametrize(
+    ("cut", "want"),
+    [
+        (
+            {
+                "unit": None,
+                "full": 80.0,
+                "columns": {"supply": {"column": "supply", "unit": "V"}},
+            },
+            {"throttle": [0.5, 0.75, 1.0], "supply_V": [15.6, 15.4, 15.2]},
+        ),
+        # no command was logged but its mean: the force itself says where it steps
+        (
+            {
+                "column": None,
+                "cut": "plateaus",
+                "unit": None,
+                "step": "50 mN",
+                "columns": {"throttle": {"column": "throttle", "unit": "percent"}},
+            },
+            {"throttle": [0.4, 0.6, 0.8]},
+        ),
+        (
+            {"length": "1 s", "shortest": "1 s"},
+            {"throttle": [0.4] * 3 + [0.6] * 3 + [0.8] * 3, "n": [80] * 9},
+        ),
+    ],
+)
+def test_other_ways_to_cut(
+    root: Path, tmp_path: Path, cut: dict[str, Any], want: dict[str, list[float]]
+) -> None:
+    trials = table(root, tmp_path, cut=cut)
+    for name, values in want.items():
+        np.testing.assert_allclose(trials[name], values * 3, atol=0.005)
+    lift = [lift_N(z, 100 * t) for z in (1.0, 2.0, 4.0) for t in (0.4, 0.6, 0.8)]
+    np.testing.assert_allclose(trials["lift_N"][:: len(want["throttle"]) // 3], lift, atol=0.005)
     assert len(set(trials["visit"].tolist())) == 3
+
+
+def test_a_record_that_is_missing_or_damaged_has_a_row(tmp_path: Path) -> None:
+    """And levels of two records are one within the tolerance."""
+    folder = write(tmp_path / "raw", (1.0, 2.0, 3.0, 4.0))
+    sweeps = folder / "sweeps"
+    (sweeps / "r1.csv").unlink()
+    (sweeps / "r2.csv").write_text("t,throttle,force\n0,1,x\n")
+    (sweeps / "r3.csv").write_text((sweeps / "r3.csv").read_text().replace(",60.0,", ",60.1,"))
+    for tolerance, levels in ((0.0, 4), (0.2, 3)):
+        trials = table(folder, tmp_path / str(levels), cut={"tolerance": tolerance})
+        throttle = trials["throttle"]
+        assert len(set(throttle[np.isfinite(throttle)].tolist())) == levels
+    codes = dict(zip(trials["trial"].tolist(), trials["quality"].tolist(), strict=True))
+    assert codes["r1"] == "MISSING"
+    assert codes["r2"].startswith("MALFORMED")
+    assert "r3#2" in codes
+    assert np.isnan(throttle[trials["trial"] == "r1"]).all()
 
 
 def test_a_word_that_says_when_it_counts(tmp_path: Path) -> None:
@@ -215,18 +220,6 @@ def test_a_word_that_says_when_it_counts(tmp_path: Path) -> None:
     )
     assert trials["n"].tolist() == [240]
     np.testing.assert_allclose(trials["lift_N"], lift_N(2.0, 60), atol=0.002)
-
-
-def test_a_record_that_is_missing_or_damaged_has_a_row(tmp_path: Path) -> None:
-    folder = write(tmp_path / "raw", (1.0, 2.0, 3.0, 4.0))
-    (folder / "sweeps" / "r1.csv").unlink()
-    (folder / "sweeps" / "r2.csv").write_text("t,throttle,force\n0,1,x\n")
-    trials = table(folder, tmp_path / "out")
-    codes = dict(zip(trials["trial"].tolist(), trials["quality"].tolist(), strict=True))
-    assert codes["r1"] == "MISSING"
-    assert codes["r2"].startswith("MALFORMED")
-    assert "r3#2" in codes
-    assert np.isnan(trials["throttle"][trials["trial"] == "r1"]).all()
 
 
 def test_a_record_twice_and_one_left_out(tmp_path: Path) -> None:

@@ -138,18 +138,12 @@ def clock_rate(clock: Channel | None) -> float | None:
     return rate_of(SECONDS[clock.unit] * clock.values)
 
 
-def doubtful_rate(rate_Hz: float, clock: Channel | None) -> str:
+def doubtful_rate(rate_Hz: float) -> str:
     """The reason why a rate cannot be that of a load cell's samples; empty where it can."""
-    low, high = USUAL_RATES_HZ
-    if low <= rate_Hz <= high:
+    if USUAL_RATES_HZ[0] <= rate_Hz <= USUAL_RATES_HZ[1]:
         return ""
-    ways = ["these are means of steps"] if rate_Hz < low else []
-    if clock is not None and clock.unit in SECONDS:
-        rates = {u: rate_Hz * SECONDS[clock.unit] / s for u, s in SECONDS.items()}
-        fitting = (f"its clock is in {u} ({r:.6g} Hz)" for u, r in rates.items() if 10 <= r <= 1e5)
-        ways += [*fitting][:1]
     said = f"the file says {rate_Hz:.6g} Hz, which no load cell has"
-    return f"{said}: {' or '.join(ways)}" if ways else said
+    return f"{said}: its clock is in another unit, or these are means of steps"
 
 
 # ---- columns of a schedule

@@ -52,7 +52,7 @@ class Inspection:
     def doubt(self) -> str:
         """Reason why the rate of the force is doubtful; empty where it is not, or is unknown."""
         rate = None if self.force is None else self.force.rate_Hz
-        return headings.doubtful_rate(rate, self.clock) if rate else ""
+        return headings.doubtful_rate(rate) if rate else ""
 
     @functools.cached_property
     def wraps(self) -> float | None:

@@ -54,10 +54,9 @@ def write_template(folder: Path) -> Made:
 def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | None = None) -> Made:
     """Write a campaign for files: their manifest, and a schedule with a line for each trial.
 
-    `files` are records, one for each trial, and perhaps the schedule: a table of which a column
-    holds their names. Or they are one long table of Parquet, or one table of means. A folder means
-    the files in it. Files inside the campaign's folder stay where they are; others are copied
-    into it. `dialect` is as ``[records] dialect`` takes it.
+    `files` are records, and perhaps a table of which a column holds their names; or one long table
+    of Parquet; or one table of means. A folder means the files in it. Files outside the campaign's
+    folder are copied into it.
 
     Raises
     ------
@@ -71,13 +70,10 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     notes: list[str] = []
     files = [f for path in files for f in (_within(path, notes) if path.is_dir() else (path,))]
     listing = folder / "trials.csv"
-    if listing.exists() and listing not in files:
-        files.append(listing)
-        paths, table = _parted(files, dialect or {})
-        if listing in paths:
-            _refuse_existing(listing)
-    else:
-        paths, table = _parted(files, dialect or {})
+    is_other = listing.exists() and listing not in files
+    paths, table = _parted([*files, listing] if is_other else files, dialect or {})
+    if is_other and listing in paths:
+        _refuse_existing(listing)
     inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(paths)]
     first = inspected[0]
     if first.grid is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,16 +81,10 @@ class InputTable:
     def schedule(
         self, ids: Sequence[str] | None = None, *, means: bool = False, header: str = "trial"
     ) -> ProposedSchedule:
-        """Schedule of this table.
+        """Schedule of this table, with its lifts for `means`.
 
-        Parameters
-        ----------
-        ids : sequence of str or None
-            Trial or record of every row; by default its own, or counted.
-        means : bool
-            Whether its lifts are taken along.
-        header : str
-            ``"record"`` where a row is a record, whose pieces bring their throttle.
+        `ids` are the trial or record of every row; by default its own, or counted. `header` is
+        ``"record"`` where a row is a record, whose pieces bring their throttle.
         """
         if ids is None:
             stated = self.cells.get("trial", pd.Series("", self.cells.index))
@@ -188,33 +183,26 @@ def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
     if path.stat().st_size > MOST_BYTES:
         return None
     lines = path.read_bytes().decode(str(dialect.get("encoding", "utf-8")), "replace").splitlines()
-    # the cells of a line, by the separator that cuts it into most
-    cells = [max((line.split(sign) for sign in ";\t|,"), key=len) for line in lines]
-    rows = [_is_row(line) for line in cells]
-    headers = [i for i in range(1, len(rows)) if rows[i] and _is_header(cells[i - 1], cells[i])]
-    # a table has two rows at least
-    headers = [i for i in headers if rows[i : i + 2] == [True, True]]
-    if not headers:
-        return None
-    remedy = "save each as a file of its own"
+    # the cells of a line, by the separator that cuts it into most; a dash is a blank
+    cut = (max((line.split(sign) for sign in ";\t|,"), key=len) for line in lines)
+    cells = [[cell.strip(" -") for cell in line] for line in cut]
+    # names above two rows at least
+    headers = [m.start() for m in re.finditer("(?=hnn)", "".join(map(_kind, cells)))]
+    headers = [i for i in headers if len(cells[i]) == len(cells[i + 1])]
+    what = ""
     if len(headers) > 1:
-        where = ", ".join(str(i) for i in headers[:4])
+        where = ", ".join(str(i + 1) for i in headers[:4])
         what = f"holds {len(headers)} tables, with their columns' names in lines {where}"
-        return InputRefused(str(path), what, remedy)
-    heads = cells[headers[0] - 1]
-    if len({*heads} - {"", "-"}) >= len(heads) - 1:
-        return None
-    what = f"has two tables side by side, from line {headers[0]} on: its columns' names repeat, or"
-    return InputRefused(str(path), f"{what} leave gaps", remedy)
+    elif headers and len({*cells[headers[0]]} - {""}) < len(cells[headers[0]]) - 1:
+        what = f"has two tables side by side, from line {headers[0] + 1} on: names of columns"
+        what += " repeat, or leave gaps"
+    return InputRefused(str(path), what, "save each as a file of its own") if what else None
 
 
-def _is_row(cells: Sequence[str]) -> bool:
-    """Whether cells are numbers, some of them blank."""
-    filled = [c.strip() for c in cells if c.strip() not in ("", "-")]
-    return len(filled) > 1 and all(NUMBER.fullmatch(c.replace(",", ".")) for c in filled)
-
-
-def _is_header(cells: Sequence[str], row: Sequence[str]) -> bool:
-    """Whether cells may be the names above a row."""
-    filled = [c.strip() for c in cells if c.strip()]
-    return len(cells) == len(row) and len(filled) > 1 and not any(map(NUMBER.fullmatch, filled))
+def _kind(cells: Sequence[str]) -> str:
+    """Kind of a line: header, numbers, or a blank for any other."""
+    filled = [cell for cell in cells if cell]
+    numbers = sum(map(bool, (NUMBER.fullmatch(cell.replace(",", ".")) for cell in filled)))
+    if len(filled) < 2 or 0 < numbers < len(filled):
+        return " "
+    return "n" if numbers else "h"

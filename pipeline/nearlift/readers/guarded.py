@@ -139,9 +139,14 @@ class Guarded:
 
     def close(self) -> None:
         """End the process; one that ended by itself keeps its exit code."""
-        if self.process is not None and self._link is not None:
+        if self.process is not None:
             self.process.kill()
             self.process.wait()
+        self.forget()
+
+    def forget(self) -> None:
+        """Leave the process: to its end, or to the one of which this is a copy."""
+        if self._link is not None:
             self._link.close()
             os.close(self._lifeline)
         self.process, self._link, self._files = None, None, 0
@@ -150,6 +155,16 @@ class Guarded:
 #: The process that all files share.
 run = Guarded()
 atexit.register(run.close)
+
+
+def _in_a_copy() -> None:
+    """Leave the process to the one of which this is a copy, as is the lock of its threads."""
+    run.forget()
+    run._lock = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_in_a_copy)
 
 
 def _environment() -> dict[str, str]:
