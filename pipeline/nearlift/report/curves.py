@@ -18,41 +18,28 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue, derivative
-from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
+from nearlift.declare import Boundary, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import lift_ratio
 from nearlift.report.evidence import Evidence, lift_inf_N
 from nearlift.results import Observations
 from nearlift.results.fit import ModelFit, ParameterCovariance
-from nearlift.results.quotation import BoundaryResult
 from nearlift.stages.diagnose import LOOP_RESIDUALS
 from nearlift.stages.fit import POSTERIOR
 
-#: Two curves that part by less than this much of what the data span are one line in a figure.
-VISIBLE = 0.01
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Curve:
-    """L / L_inf - 1 of a model over recorded distance, arrays of shape (n,).
+    """L / L_inf - 1 of a model over recorded distance with its 90 % band, arrays of shape (n,).
 
-    Attributes
-    ----------
-    middle, low, high : array
-        The curve and its 90 % band; nan where the intervals of the coefficients have no end.
-    least_squares : array
-        The base fit's curve where it is another one.
+    The band is nan where the intervals of the coefficients have no end. `least_squares` is the base
+    fit's curve where it is another one.
     """
 
     middle: FloatArray
     low: FloatArray
     high: FloatArray
     least_squares: FloatArray
-
-    def parts(self, span: float) -> bool:
-        """Whether least squares differs visibly from `middle` where the data span so much."""
-        apart = np.nanmax(np.abs(self.least_squares - self.middle), initial=0.0)
-        return bool(apart > VISIBLE * span)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,10 +48,8 @@ class QuotedModel:
 
     Attributes
     ----------
-    model : LiftModel
-        The base model with the effects of the vehicle.
-    values : mapping
-        Everything that it takes besides distance.
+    model, values : LiftModel, mapping
+        The base model with the effects of the vehicle; everything that it takes besides distance.
     in_curve, in_points : tuple of str
         Effects that the curve has, and those that the points are corrected for.
     covariance : ParameterCovariance or None
@@ -90,15 +75,9 @@ class QuotedModel:
 class RelativeLift:
     """Cells of one boundary, arrays of shape (n,), in the order of throttle and distance.
 
-    Attributes
-    ----------
-    throttle, z_hat, delta_L : array
-    u : array
-        Standard uncertainty of `delta_L` from the scatter of trials, visits and heights, without
-        that of L_inf, which a throttle's cells share.
-    u_L_inf : float
-        The largest standard uncertainty of a throttle's L_inf, as a fraction of it, from the same
-        scatter.
+    `u` is the standard uncertainty of `delta_L` from the scatter of trials, visits and heights,
+    without that of L_inf, which a throttle's cells share. `u_L_inf` is the largest of the latter
+    from the same scatter, as a fraction.
     """
 
     throttle: FloatArray
@@ -108,14 +87,13 @@ class RelativeLift:
     u_L_inf: float
 
 
-# one model
-
-
-def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, object]) -> FloatArray:
-    """L / L_inf at `z_hat`; nan outside the model's range and where it has no value."""
+def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, Any]) -> FloatArray:
+    """L / L_inf at `z_hat` (..., n) for arguments (..., 1); nan outside the model's range and where
+    it has no value.
+    """
     low, high = model.valid_z_hat
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value = np.broadcast_to(np.asarray(model(z_hat, **arguments), dtype=float), z_hat.shape)
+        value = np.asarray(model(z_hat, **arguments), dtype=float)
     defined = (z_hat > low) & (z_hat <= high) & np.isfinite(value) & (value > 0)
     return np.where(defined, value, np.nan)
 
@@ -129,9 +107,8 @@ def slopes(
     size = np.maximum(np.abs(at), 1e-3 * np.minimum(high - low, 1.0))
 
     def ratios(points: FloatArray) -> FloatArray:
-        each = (dict(zip(names, points[i], strict=True)) for i in np.ndindex(*points.shape[:-1]))
-        moved = [ratio(model, z_hat, {**values, **x}) for x in each]
-        return np.array(moved).reshape(*points.shape[:-1], len(z_hat))
+        moved = dict(zip(names, np.moveaxis(points, -1, 0)[..., None], strict=True))
+        return ratio(model, z_hat, {**values, **moved})
 
     change, apart = derivative.central(ratios, at, size, low, high)
     return change / apart[:, None]
@@ -152,78 +129,6 @@ def uncertainty(
     return result
 
 
-# the base fit
-
-
-def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
-    """The base fit at recorded distances, with its height error.
-
-    It is the pointwise median and 90 % of the posterior, or least squares with the band of its
-    covariance.
-    """
-    # cells of several throttles share their distances
-    places, index = np.unique(z_hat, return_inverse=True)
-    curve = _base_curve(evidence, boundary, places.tobytes())
-    return Curve(
-        middle=curve.middle[index],
-        low=curve.low[index],
-        high=curve.high[index],
-        least_squares=curve.least_squares[index],
-    )
-
-
-@functools.lru_cache(maxsize=64)
-def _base_curve(evidence: Evidence, boundary: Boundary, distances: bytes) -> Curve:
-    """The curve at the distances of these bytes: figures, charts and words ask for the same one."""
-    model, fit = evidence.base(boundary)
-    known = evidence.known(boundary, model)
-    z_hat = np.frombuffer(distances)
-    z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
-    values = {**known, **fit.values}
-    plain = ratio(model, z_hat, values) - 1
-    drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
-    if drawn is None:
-        reach = _quantile90(fit) * uncertainty(model, z_hat, values, fit.covariance)
-        drawn = plain - reach, plain, plain + reach
-    low, middle, high = drawn
-    if has_open_interval(fit):
-        low = high = np.full_like(middle, np.nan)
-    return Curve(middle=middle, low=low, high=high, least_squares=plain)
-
-
-def posterior_quantiles(
-    evidence: Evidence,
-    boundary: Boundary,
-    model: LiftModel,
-    z_hat: FloatArray,
-    known: Mapping[str, object],
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """The 5, 50 and 95 % quantiles of L / L_inf - 1 at each `z_hat` over the posterior's draws;
-    None where there are none.
-    """
-    if not evidence.has(POSTERIOR):
-        return None
-    draws = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)
-    by_name = dict([*draws.groupby("parameter")["value"]])
-    each = {p.name: by_name[p.name].to_numpy()[:, None] for p in model.parameters if len(draws)}
-    if not each:
-        return None
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value = np.asarray(model(z_hat, **known, **each), dtype=float) - 1
-    medians = {n: float(np.median(x)) for n, x in each.items()}
-    inside = np.isfinite(ratio(model, z_hat, {**known, **medians}))
-    finite = np.where(np.isfinite(value) & inside, value, 0.0)
-    low, middle, high = np.where(inside, np.quantile(finite, [0.05, 0.5, 0.95], axis=0), np.nan)
-    return low, middle, high
-
-
-def has_open_interval(fit: ModelFit) -> bool:
-    """Whether a determined coefficient's 90 % interval has no end, because no repeats
-    determine the error that trials of a visit share.
-    """
-    return any(math.isfinite(e.u) and math.isinf(e.lo90) for e in fit.parameters.values())
-
-
 def height_found_m(fit: ModelFit) -> float:
     """Height error of a fit, m, to add to every recorded distance; 0 where it found none."""
     return fit.height_error.value if fit.height_error else 0.0
@@ -237,12 +142,73 @@ def log_residual(model: LiftModel, fit: ModelFit, data: Observations) -> FloatAr
     return result
 
 
-def _quantile90(fit: ModelFit) -> float:
-    """How many standard uncertainties the fit's own 90 % intervals reach to either side."""
-    for e in fit.parameters.values():
-        if 0 < e.u < math.inf and math.isfinite(e.hi90):
-            return (e.hi90 - e.value) / e.u
-    return student.NORMAL_90
+def has_open_interval(fit: ModelFit) -> bool:
+    """Whether a determined coefficient's 90 % interval has no end, because no repeats
+    determine the error that trials of a visit share.
+    """
+    return any(math.isfinite(e.u) and math.isinf(e.lo90) for e in fit.parameters.values())
+
+
+# the base fit
+
+
+def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
+    """The base fit at recorded distances, with its height error.
+
+    It is the pointwise median and 90 % of the posterior, or least squares with the band of its
+    covariance.
+    """
+    model, fit = evidence.base(boundary)
+    known = evidence.known(boundary, model)
+    z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
+    values = {**known, **fit.values}
+    plain = ratio(model, z_hat, values) - 1
+    # cells of several throttles share their distances
+    places, index = np.unique(z_hat, return_inverse=True)
+    drawn = posterior_quantiles(evidence, boundary, model, places, known)
+    if drawn is None:
+        # as many standard uncertainties as the fit's own intervals reach
+        known_ends = [e for e in fit.parameters.values() if 0 < e.u < math.inf > e.hi90]
+        quantile = next(((e.hi90 - e.value) / e.u for e in known_ends), student.NORMAL_90)
+        reach = quantile * uncertainty(model, z_hat, values, fit.covariance)
+        low, middle, high = plain - reach, plain, plain + reach
+    else:
+        low, middle, high = (each[index] for each in drawn)
+    if has_open_interval(fit):
+        low = high = np.full_like(middle, np.nan)
+    return Curve(middle, low, high, plain)
+
+
+def posterior_quantiles(
+    evidence: Evidence,
+    boundary: Boundary,
+    model: LiftModel,
+    z_hat: FloatArray,
+    known: Mapping[str, Any],
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """The 5, 50 and 95 % quantiles of L / L_inf - 1 at each `z_hat` over the posterior's draws;
+    None where there are none.
+    """
+    draws = _draws(evidence, boundary, model)
+    if not draws:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        value = np.asarray(model(z_hat, **known, **draws), dtype=float) - 1
+    medians = {n: float(np.median(x)) for n, x in draws.items()}
+    inside = np.isfinite(ratio(model, z_hat, {**known, **medians}))
+    finite = np.where(np.isfinite(value) & inside, value, 0.0)
+    low, middle, high = np.where(inside, np.quantile(finite, [0.05, 0.5, 0.95], axis=0), np.nan)
+    return low, middle, high
+
+
+@functools.lru_cache(maxsize=3)
+def _draws(evidence: Evidence, boundary: Boundary, model: LiftModel) -> dict[str, FloatArray]:
+    """Draws of each parameter of a model (m, 1); empty where it was not sampled."""
+    if not evidence.has(POSTERIOR):
+        return {}
+    long = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)
+    by_name = dict([*long.groupby("parameter")["value"]])
+    return {p.name: by_name[p.name].to_numpy()[:, None] for p in model.parameters if by_name}
 
 
 # what is quoted
@@ -257,7 +223,7 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     accepted = diagnosis.accepted if diagnosis and evidence.has(LOOP_RESIDUALS) else None
     effects = [catalogue.effect(n, quoted.form(n)) for n in (accepted.effects if accepted else ())]
     of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
-    parts: list[Effect] = [
+    parts = [
         e
         for e in effects
         if e.acts_on != "force"
@@ -296,34 +262,27 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
     if drawn.is_base:
         return base_curve(evidence, boundary, z_hat)
     middle = least_squares = ratio(drawn.model, z_hat, drawn.values) - 1
-    free = [n for n in quoted.correlation.parameters if n in quoted.coefficients]
+    correlation = quoted.correlation
+    free = [n for n in correlation.parameters if n in quoted.coefficients]
     if not drawn.effects:
         least_squares = base_curve(evidence, boundary, z_hat).least_squares
-    if len(free) == 1 and not drawn.effects:
-        # one coefficient moves the whole curve: the band is its interval, however uneven
-        c = quoted.coefficients[free[0]]
-        ends = [
-            ratio(drawn.model, z_hat, {**drawn.values, free[0]: x}) - 1 for x in (c.lo90, c.hi90)
-        ]
-        low, high = np.minimum(*ends), np.maximum(*ends)
-    else:
-        covariance = drawn.covariance or _quoted_covariance(quoted, free)
-        reach = np.full_like(middle, np.nan)
-        if covariance is not None:
-            spread = uncertainty(drawn.model, z_hat, drawn.values, covariance)
-            reach = student.NORMAL_90 * spread
-        low, high = middle - reach, middle + reach
-    return Curve(middle=middle, low=low, high=high, least_squares=least_squares)
-
-
-def _quoted_covariance(quoted: BoundaryResult, free: list[str]) -> ParameterCovariance | None:
-    """Covariance of these quoted coefficients; None where one has no end."""
-    rows = [quoted.correlation.parameters.index(n) for n in free]
+        if len(free) == 1:
+            # one coefficient moves the whole curve: the band is its interval, however uneven
+            c = quoted.coefficients[free[0]]
+            at = {**drawn.values, free[0]: np.array([[c.lo90], [c.hi90]])}
+            ends = ratio(drawn.model, z_hat, at) - 1
+            return Curve(middle, np.minimum(*ends), np.maximum(*ends), least_squares)
+    covariance = drawn.covariance
     u = np.array([quoted.coefficients[n].u for n in free])
-    if not free or not np.isfinite(u).all():
-        return None
-    correlation = np.array(quoted.correlation.values)[np.ix_(rows, rows)]
-    return ParameterCovariance.named(free, np.outer(u, u) * correlation)
+    if not covariance and free and np.isfinite(u).all():
+        rows = [correlation.parameters.index(n) for n in free]
+        among = np.outer(u, u) * np.array(correlation.values)[np.ix_(rows, rows)]
+        covariance = ParameterCovariance.named(free, among)
+    reach = np.full_like(middle, np.nan)
+    if covariance:
+        spread = uncertainty(drawn.model, z_hat, drawn.values, covariance)
+        reach = student.NORMAL_90 * spread
+    return Curve(middle, middle - reach, middle + reach, least_squares)
 
 
 @functools.lru_cache(maxsize=3)
@@ -361,29 +320,21 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
     variance = np.bincount(index, of_trial) / n**2 + shared
     cell_ratio = np.exp(np.bincount(index, log_ratio) / n)
-    return RelativeLift(
-        throttle=throttle,
-        z_hat=z_hat,
-        delta_L=cell_ratio - 1,
-        u=cell_ratio * np.sqrt(variance),
-        u_L_inf=_u_L_inf(drawn, throttle, z_hat, variance),
-    )
-
-
-def _u_L_inf(
-    drawn: QuotedModel, throttle: FloatArray, z_hat: FloatArray, variance: FloatArray
-) -> float:
-    """Largest standard uncertainty of a throttle's log L_inf, by least squares over the cells for
-    these and the coefficients.
-    """
-    levels, level = np.unique(throttle, return_inverse=True)
+    # u(log L_inf) of each throttle, by least squares over cells for these and the coefficients
+    levels, level_of = np.unique(throttle, return_inverse=True)
     names = [p.name for p in drawn.model.parameters]
     of_coefficients = slopes(drawn.model, z_hat, drawn.values, names)
     of_coefficients /= ratio(drawn.model, z_hat, drawn.values)
-    columns = np.vstack([np.eye(len(levels))[level].T, np.nan_to_num(of_coefficients)])
+    columns = np.vstack([np.eye(len(levels))[level_of].T, np.nan_to_num(of_coefficients)])
     weighted = (columns / np.sqrt(variance)).T
     scale = np.sqrt((weighted**2).sum(axis=0))
     scale[scale == 0] = 1.0
     inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale))
     u = np.sqrt(np.diagonal(inverse)) / scale
-    return float(u[: len(levels)].max(initial=0.0))
+    return RelativeLift(
+        throttle=throttle,
+        z_hat=z_hat,
+        delta_L=cell_ratio - 1,
+        u=cell_ratio * np.sqrt(variance),
+        u_L_inf=float(u[: len(levels)].max(initial=0.0)),
+    )

@@ -88,7 +88,12 @@ class Evidence:
 
     def frame(self, product: Product, **values: object) -> pd.DataFrame:
         """Rows of a table product in which these columns have these values."""
-        return pick(pd.DataFrame(self.table(product)), **values)
+        table = self.table(product)
+        keep = np.ones(len(next(iter(table.values()), ())), dtype=bool)
+        for name, value in values.items():
+            keep &= table[name] == value
+        # texts of the posterior's many other rows would take long to convert
+        return pd.DataFrame({name: column[keep] for name, column in table.items()})
 
     def document(self, product: Product) -> dict[str, Any]:
         """A JSON product; `ProductError` if it does not exist."""

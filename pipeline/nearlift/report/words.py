@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
@@ -222,25 +221,22 @@ class Brief:
         ]
         return f"Most influential: {', '.join(parts)}." if parts else ""
 
-    @property
+    @functools.cached_property
     def reach(self) -> str:
         """Distance at which the quoted model's lift change is `SEEN`; empty beyond the trials."""
         z_hat = self.evidence.observations[self.boundary].z_hat
         z_hat = z_hat[np.isfinite(z_hat) & (z_hat > 0)]
         if not len(z_hat):
             return ""
-
-        def beyond(z_hat: float) -> float:
-            line = curves.line(self.evidence, self.boundary, np.atleast_1d(z_hat))
-            return abs(float(line.middle[0])) - SEEN
-
         grid = np.geomspace(z_hat.min(), z_hat.max(), 41)
-        change = np.abs(curves.line(self.evidence, self.boundary, grid).middle) - SEEN
-        larger = np.flatnonzero(change >= 0)
-        if not len(larger) or larger[-1] == len(grid) - 1:
-            return ""
-        low, high = grid[larger[-1] : larger[-1] + 2]
-        at = float(brentq(beyond, low, high, rtol=1e-4))
+        for _ in range(3):
+            # the last interval in which the change falls below, finer and finer
+            change = np.abs(curves.line(self.evidence, self.boundary, grid).middle) - SEEN
+            larger = np.flatnonzero(change >= 0)
+            if not len(larger) or larger[-1] == len(grid) - 1:
+                return ""
+            grid = np.geomspace(*grid[larger[-1] : larger[-1] + 2], 9)
+        at = float(grid[4])
         mm = 1e3 * at * self.evidence.campaign.vehicle.rotor_radius
         where = f"a recorded ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)"
         return f"Lift changes by less than {100 * SEEN:g} % beyond {where}."

@@ -35,6 +35,8 @@ from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
 
 POINTS = 240
+#: Two curves that part by less than this much of what the data span are one line.
+VISIBLE = 0.01
 #: Rotor spacing of the PQuad in rotor radii, assumed: it is not published (its radius is, 120 mm);
 #: other plausible spacings, for the caption.
 PQUAD_SPACING_HAT, PQUAD_RANGE = 3.0, (2.5, 4.0)
@@ -163,7 +165,8 @@ def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
         known = {n: geometry[n] for n in model.needs if n not in theory.arguments}
         change = curves.ratio(model, z_hat, {**known, **theory.arguments}) - 1
         parts.append({"kind": "model", "label": theory.label, **_points(z_hat, change)})
-    if curve.parts(float(np.nanmax(cells.delta_L) - np.nanmin(cells.delta_L))):
+    apart = np.nanmax(np.abs(curve.least_squares - curve.middle), initial=0.0)
+    if apart > VISIBLE * (np.nanmax(cells.delta_L) - np.nanmin(cells.delta_L)):
         label = {"kind": "least squares", "label": f"{short}, least squares"}
         parts.append({**label, **_points(z_hat, curve.least_squares)})
     for overlay, points in evidence.overlays:
@@ -173,7 +176,8 @@ def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
             label = {"kind": "overlay", "label": overlay.label}
             parts.append({**label, **measured, "u_delta_L_percent": u})
     for part in parts:
-        fitted = curves.line(evidence, boundary, np.asarray(part["z_hat"], dtype=float)).middle
+        on_grid = part["z_hat"] is z_hat
+        fitted = (curve if on_grid else curves.line(evidence, boundary, part["z_hat"])).middle
         part["above_fit_percent"] = part["delta_L_percent"] - 100 * fitted
     level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * cells.u_L_inf}
     return [*parts, {"kind": "L_inf", "z_hat": z_hat[[0, -1]], **level}]
