@@ -18,6 +18,7 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.report import curves, words
 from nearlift.report.evidence import pick
 from nearlift.report.figures import fig2
+from nearlift.report.figures.style import Style
 from nearlift.report.phrases import coefficient_text
 from nearlift.report.tables import csv
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
@@ -298,6 +299,10 @@ def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
     np.testing.assert_allclose(drawn["delta_L_percent"], [10, 5])
     np.testing.assert_allclose(drawn["u_delta_L_percent"], [1, np.nan])
     assert b"\nground,overlay,'=Other group," in csv(table)
+    # its points may lie anywhere in the panel
+    upper, lower = fig2.draw(table, Style()).axes
+    assert upper.get_legend() is None
+    assert "=Other group" in [t.get_text() for t in lower.get_legend().get_texts()]
     for text, match in (
         ("z_hat,delta_L\n1,2\n", "lacks u"),
         ("z_hat,delta_L,u\n1,0.1,0.01\n-1,0.1,0.01\n", r"line 3: z_hat = '-1' cannot be drawn"),

@@ -79,23 +79,14 @@ PQUAD = Reference(
     "S-C (PQuad): the same for r = 120 mm. Its unpublished rotor spacing is taken as"
     f" {PQUAD_SPACING_HAT:g} r = {PQUAD_SPACING_HAT * 120:.0f} mm.",
 )
+CB_NOTE = "C-B: Cheeseman and Bennett, one rotor."
+SC_NOTE = "S-C, K_b = 2: Sanchez-Cuevas et al. for this vehicle's rotor spacing."
+HC_NOTE = "H-C: Hsiao and Chirarattananon with α = 0.125."
 REFERENCES = (
-    Reference(
-        "cheeseman_bennett", "C-B (theory)", {"k": 1.0}, "C-B: Cheeseman and Bennett, one rotor."
-    ),
-    Reference(
-        "sanchez_cuevas",
-        "S-C, K_b = 2",
-        {"K_b": 2.0},
-        "S-C, K_b = 2: Sanchez-Cuevas et al. for this vehicle's rotor spacing.",
-    ),
+    Reference("cheeseman_bennett", "C-B (theory)", {"k": 1.0}, CB_NOTE),
+    Reference("sanchez_cuevas", "S-C, K_b = 2", {"K_b": 2.0}, SC_NOTE),
     PQUAD,
-    Reference(
-        "hsiao_chirarattananon",
-        "H-C (theory)",
-        {"alpha": 0.125},
-        "H-C: Hsiao and Chirarattananon with α = 0.125.",
-    ),
+    Reference("hsiao_chirarattananon", "H-C (theory)", {"alpha": 0.125}, HC_NOTE),
 )
 
 
@@ -135,56 +126,40 @@ def table(evidence: Evidence) -> pd.DataFrame:
 
 def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
     cells, drawn = curves.relative_lift(evidence, boundary), curves.quoted_model(evidence, boundary)
-    at = cells.z_hat[cells.z_hat > 0]
-    z_hat = np.geomspace(at.min(), at.max(), POINTS)
+    z_hat = np.geomspace(cells.z_hat.min(), cells.z_hat.max(), POINTS)
     curve = curves.line(evidence, boundary, z_hat)
-    base, _ = evidence.base(boundary)
+    base, geometry = evidence.base(boundary)[0], evidence.campaign.geometry()
     short = SHORT.get(base.name, base.title)
-    parts: list[Part] = [
-        {
-            "kind": "data",
-            "label": [f"{100 * t:.3g} %" for t in cells.throttle],
-            "corrected_for": " + ".join(map(titled, drawn.in_points)),
-            "throttle_fraction": cells.throttle,
-            "z_hat": cells.z_hat,
-            "delta_L_percent": 100 * cells.delta_L,
-            "u_delta_L_percent": 100 * cells.u,
-        },
-        {
-            "kind": "band",
-            "label": f"{' with '.join([short, *map(titled, drawn.in_curve)])}, fitted",
-            "z_hat": z_hat,
-            "delta_L_percent": 100 * curve.middle,
-            "lo90_percent": 100 * curve.low,
-            "hi90_percent": 100 * curve.high,
-        },
+
+    def part(kind: str, label: Any, at: FloatArray, delta_L: FloatArray, **more: Any) -> Part:
+        fitted = (curve if at is z_hat else curves.line(evidence, boundary, at)).middle
+        percent = 100 * delta_L
+        values = {"delta_L_percent": percent, "above_fit_percent": percent - 100 * fitted}
+        return {"kind": kind, "label": label, "z_hat": at, **values, **more}
+
+    levels = [f"{100 * t:.3g} %" for t in cells.throttle]
+    fitted = f"{' with '.join([short, *map(titled, drawn.in_curve)])}, fitted"
+    ends = {"lo90_percent": 100 * curve.low, "hi90_percent": 100 * curve.high}
+    parts = [
+        part("data", levels, cells.z_hat, cells.delta_L, u_delta_L_percent=100 * cells.u)
+        | {"throttle_fraction": cells.throttle}
+        | {"corrected_for": " + ".join(map(titled, drawn.in_points))},
+        part("band", fitted, z_hat, curve.middle, **ends),
     ]
-    geometry = evidence.campaign.geometry()
     for theory in references(evidence, boundary):
         model = catalogue.model(theory.model)
-        known = {n: geometry[n] for n in model.needs if n not in theory.arguments}
-        change = curves.ratio(model, z_hat, {**known, **theory.arguments}) - 1
-        parts.append({"kind": "model", "label": theory.label, **_points(z_hat, change)})
+        known = {n: geometry[n] for n in model.needs} | {**theory.arguments}
+        parts.append(part("model", theory.label, z_hat, curves.ratio(model, z_hat, known) - 1))
     apart = np.nanmax(np.abs(curve.least_squares - curve.middle), initial=0.0)
     if apart > VISIBLE * (np.nanmax(cells.delta_L) - np.nanmin(cells.delta_L)):
-        label = {"kind": "least squares", "label": f"{short}, least squares"}
-        parts.append({**label, **_points(z_hat, curve.least_squares)})
+        label = f"{short}, least squares"
+        parts.append(part("least squares", label, z_hat, curve.least_squares))
     for overlay, points in evidence.overlays:
         if overlay.boundary == boundary:
-            measured = _points(points["z_hat"], points["delta_L"])
-            u = 100 * points["u"]
-            label = {"kind": "overlay", "label": overlay.label}
-            parts.append({**label, **measured, "u_delta_L_percent": u})
-    for part in parts:
-        on_grid = part["z_hat"] is z_hat
-        fitted = (curve if on_grid else curves.line(evidence, boundary, part["z_hat"])).middle
-        part["above_fit_percent"] = part["delta_L_percent"] - 100 * fitted
+            u = {"u_delta_L_percent": 100 * points["u"]}
+            parts.append(part("overlay", overlay.label, points["z_hat"], points["delta_L"], **u))
     level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * cells.u_L_inf}
     return [*parts, {"kind": "L_inf", "z_hat": z_hat[[0, -1]], **level}]
-
-
-def _points(z_hat: FloatArray, delta_L: FloatArray) -> Part:
-    return {"z_hat": z_hat, "delta_L_percent": 100 * delta_L}
 
 
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
@@ -260,6 +235,10 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
     table = table.assign(z_hat=factor * table["z_hat"])
     share = {1: 1.2, 2: 0.66}.get(len(panels), 0.56)
     height = share * (look.single_in if len(panels) == 1 else look.double_in)
+    overlaid, columns = (table["kind"] == "overlay").any(), 2 if len(panels) == 1 else 1
+    if overlaid:
+        named = table[table["kind"] != "data"]
+        height += 0.14 * named.groupby("panel")["label"].nunique().max() / columns
     figure, axes = style.canvas(look, 2, len(panels), height, sharex="col", height_ratios=(2.6, 1))
     throttles = np.unique(table[table["kind"] == "data"]["throttle_fraction"])
     shade = None
@@ -270,9 +249,11 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
     for boundary, (ax, below) in zip(panels, axes.T, strict=True):
         rows = pick(table, panel=boundary)
         handles = _lines(ax, rows, "delta_L_percent", throttles, shade)
-        loc = "lower right" if boundary == "sidewall" else "upper right"
-        loc = "best" if (rows["kind"] == "overlay").any() else loc
-        ax.legend(list(handles.values()), list(handles), loc=loc)
+        legend: Part = {"loc": "lower right" if boundary == "sidewall" else "upper right"}
+        if overlaid:
+            # measurements of others may lie anywhere: the legend lies below
+            legend = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.42), "ncols": columns}
+        (below if overlaid else ax).legend(list(handles.values()), list(handles), **legend)
         _lines(below, rows, "above_fit_percent", throttles, shade)
         corrected = next((t for t in rows["corrected_for"] if t), "")
         titles.append(boundary + (f", corrected for {plain_text(corrected)}" if corrected else ""))
