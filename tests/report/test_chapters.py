@@ -146,18 +146,6 @@ def test_the_budget_has_the_quoted_coefficients_and_models_those_of_their_fits(e
         assert re.search(cell, models.facts(known))
 
 
-def test_a_model_that_only_r2_prefers_is_pointed_at(evidence):
-    """Near a datum the score excuses what R² counts."""
-    other, fit = quoted.fitted(evidence, "ground")
-    scores = other.documents[FIT.file]["comparison"]["ground"]["models"]
-    scores["exponential"]["r2"], scores["exponential"]["d_elpd"] = 0.99999, -50.0
-    height_error = fit.pop("height_error")
-    assert "R² is highest for" not in text_of(models.facts(other))
-    other, fit = quoted.fitted(other, "ground")
-    fit["height_error"] = height_error
-    assert "R² is highest for Exponential" in text_of(models.facts(other))
-
-
 def test_what_would_halve_an_uncertainty_is_said_unless_it_is_out_of_reach(evidence):
     text = text_of(numbers.limits(evidence))
     assert "Ground: what would reduce the uncertainty of the base fit" in text

@@ -167,10 +167,6 @@ def test_what_could_move_the_number_unseen_is_looked_for_first(
     assert "o detect" not in after("supply_sag")
 
 
-def test_titles_stand_within_a_sentence():
-    assert titled("reynolds, supply_sag and tilted") == ("Reynolds number, supply sag and tilted")
-
-
 def test_probabilities_have_their_prior_odds_where_there_are_any(evidence, quoted):
     silent, detected, nameless = np.exp(
         [weigh.LOG_SILENT_ODDS, weigh.LOG_DETECTED_ODDS, weigh.LOG_NAMELESS_ODDS]
@@ -239,4 +235,3 @@ def test_names_from_files_do_nothing_in_markdown(evidence):
     assert "x input{y} @z a" not in text
     assert "[@z]" not in text
     assert r"\input" not in text
-    assert "input{y}" in methods.facts(hostile)

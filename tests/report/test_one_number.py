@@ -14,7 +14,6 @@ import pytest
 from tests.unit import small_run, verdicts
 
 from nearlift import comparison
-from nearlift.nomenclature import letter, mathematics
 from nearlift.report.phrases import coefficient_text
 from nearlift.results.quotation import Results
 from nearlift.rounding import like, plus_minus
@@ -117,14 +116,3 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     loop = Diagnosis(campaign="small", boundaries={}, quoted={"ground": quoted}, **none)
     assert coefficient_text(c, "K_b") in str(loop)
     assert len(re.findall(r"± ", str(loop))) == 1
-
-
-def test_the_symbols_that_are_looked_for_are_those_that_pages_print():
-    assert letter("K_b") == "K_b"
-    assert letter("length_ratio") == "length ratio"
-    assert [mathematics(n) for n in ("K_b", "K_1", "alpha", "length_ratio")] == [
-        "$K_b$",
-        "$K_{1}$",
-        r"$\alpha$",
-        "length ratio",
-    ]

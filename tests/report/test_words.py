@@ -77,13 +77,6 @@ def test_no_sentence_of_the_report_is_longer_than_it_may_be(read):
     assert not long
 
 
-def test_the_counter_of_words_counts_words_only():
-    assert length("u(K_b) = 0.035, mostly proportional scatter (0.015 without it).") == 5
-    assert length("Point at a number, or open results.json") == 6
-    assert AVOIDED.search("it Leans on the others")
-    assert not AVOIDED.search("it understands")
-
-
 @pytest.mark.parametrize("room", ["report", "results"])
 def test_docstrings_have_a_head_and_messages_plain_words(room):
     wrong = []

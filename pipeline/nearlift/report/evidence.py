@@ -173,20 +173,15 @@ def _missing(product: Product) -> ProductError:
     return ProductError(product.file, "is missing", remedy)
 
 
-def levels_N(fit: ModelFit, drawn: bool = False) -> dict[float, float]:
-    """L_inf in N by throttle, of one model's fit; medians of its posterior where it was `drawn` and
-    there is one.
-    """
-    if drawn and fit.posterior and fit.posterior.L_inf_N:
-        return {throttle: e.median for throttle, e in fit.posterior.L_inf_N.items()}
-    return {throttle: e.value for throttle, e in fit.L_inf_N.items()}
-
-
 def lift_inf_N(fit: ModelFit, data: Observations, drawn: bool = False) -> FloatArray:
-    """L_inf in N of each trial; nan at a throttle of which the fit took no trial."""
+    """L_inf in N of each trial; nan at a throttle of which the fit took no trial. It is the median
+    of the posterior where it was `drawn` and there is one.
+    """
     if data.curve is not None and fit.levels is not None:
         return data.lift_inf_N(np.array(fit.levels.coefficients))
-    known = levels_N(fit, drawn)
+    known = {throttle: e.value for throttle, e in fit.L_inf_N.items()}
+    if drawn and fit.posterior and fit.posterior.L_inf_N:
+        known = {throttle: e.median for throttle, e in fit.posterior.L_inf_N.items()}
     # keys of the file are rounded
     return np.array([known.get(float(f"{t:g}"), np.nan) for t in data.levels])[data.level]
 

@@ -26,7 +26,6 @@ from nearlift.report.chapters import (
     verdict,
 )
 from nearlift.report.charts import Chart
-from nearlift.report.documents import methods
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.run.engine import Stage
@@ -105,7 +104,6 @@ PARTS = {
     "velocity": "Flow",
     "flight": "Flight",
     "further": "Further",
-    "paper": "Methods",
     "origin": "Provenance",
 }
 
@@ -149,7 +147,6 @@ CHAPTERS: tuple[Chapter, ...] = (
         "flight", "proximity", "Proximity", proximity.facts, (DETECTION, PROXIMITY), "detection"
     ),
     *declared(STAGES),
-    Chapter("paper", "methods", "Methods and citations, for a paper", methods.facts, (TRIALS, FIT)),
     Chapter("origin", "provenance", "Inputs, versions and command", records.provenance, ()),
 )
 

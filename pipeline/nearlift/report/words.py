@@ -5,11 +5,11 @@ Page, summary, methods, captions and messages take their sentences from here.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -78,12 +78,12 @@ class Brief:
     evidence: Evidence
     boundary: Boundary
 
-    @functools.cached_property
+    @cached_property
     def quoted(self) -> BoundaryResult:
         """The result to quote."""
         return self.evidence.quoted(self.boundary)
 
-    @functools.cached_property
+    @cached_property
     def diagnosis(self) -> BoundaryDiagnosis | None:
         """The loop's findings; None where the boundary could not be diagnosed."""
         return self.evidence.diagnosed(self.boundary)
@@ -93,7 +93,7 @@ class Brief:
         """The first coefficient to quote."""
         return self.quoted.coefficients.get(self.quoted.headline)
 
-    @functools.cached_property
+    @cached_property
     def unstated(self) -> list[PlausibleError]:
         """Errors of inputs without a stated uncertainty, the largest first."""
         return undeclared(self.evidence, self.boundary)
@@ -108,19 +108,18 @@ class Brief:
     @property
     def verdict(self) -> str:
         """Verdict, with its probability and the identified effects' sizes."""
-        quoted = self.quoted
+        quoted, diagnosis, sure = self.quoted, self.diagnosis, probability(self.quoted)
         if quoted.verdict == NOT_DIAGNOSED:
             return f"Not diagnosed: {quoted.reason.removesuffix(f'; {quoted.wanted}')}."
         if quoted.verdict == "effect":
             return f"{self.model} alone does not fit. {self._explained}"
-        sure = probability(quoted)
         if quoted.verdict == "adequate":
-            few = self.diagnosis.sensitivity if self.diagnosis else None
+            few = diagnosis.sensitivity if diagnosis else None
             within = f" in {few.trials} trials" if few else ""
             return f"{self.model} fits; no residual structure detected{within}{sure}."
-        where = structure_along(self.diagnosis)
+        where = structure_along(diagnosis)
         text = f"{self.model} does not fit{f': residuals vary with {where}' if where else ''}{sure}"
-        pairs = (self.diagnosis.not_confirmed if self.diagnosis else ()) or ()
+        pairs = (diagnosis.not_confirmed if diagnosis else ()) or ()
         if not pairs:
             return f"{text}. No effect testable here explains them."
         names = several([titled(" with ".join(p)) for p in pairs], 2, "or")
@@ -141,17 +140,14 @@ class Brief:
         if size:
             # a rival has a size of its own
             text += f": {size}" if one else f". {size}"
-        return f"{sentence(text)}{self._not_distinguished}"
-
-    @property
-    def _not_distinguished(self) -> str:
-        """The sentence on rivals."""
-        rivals = rivals_of(self.diagnosis)
-        further = {n for r in rivals for n in r.split(" + ")} - {*self.quoted.effects}
+        rivals, also = rivals_of(self.diagnosis), ""
+        further = {n for r in rivals for n in r.split(" + ")} - {*quoted.effects}
         if rivals and further and all(" + " in r for r in rivals):
             pairs = titles(sorted(further), "or")
-            return f" It may act alone or with {pairs}; this design cannot distinguish these."
-        return f" This design cannot distinguish it from {titles(rivals, 'or')}." if rivals else ""
+            also = f" It may act alone or with {pairs}; this design cannot distinguish these."
+        elif rivals:
+            also = f" This design cannot distinguish it from {titles(rivals, 'or')}."
+        return f"{sentence(text)}{also}"
 
     @property
     def omits(self) -> str:
@@ -162,11 +158,11 @@ class Brief:
             shifts = ":" if i else f" shifts {noun(self.quoted.headline)} by"
             largest = "largest; " if not i and len(errors) > 1 else ""
             words.append(f"{e.title} ({largest}{e.text}{shifts} {plain(e.shift, 2)})")
-        if words and not {part.on for part in components(self.evidence.campaign)} & CELL:
-            words.append("load cell")
-        them = "them" if len(words) > 1 else "it"
         if not words:
             return ""
+        if not {part.on for part in components(self.evidence.campaign)} & CELL:
+            words.append("load cell")
+        them = "them" if len(words) > 1 else "it"
         return f"Not included: {listed(words)}. No uncertainty is stated for {them}."
 
     @property
@@ -190,8 +186,7 @@ class Brief:
     def sources(self) -> str:
         """The headline's u, and u without each source that matters."""
         c = self.headline
-        sources = leads(c) if c else []
-        if not c or not sources:
+        if not c or not (sources := leads(c)):
             return ""
         mostly = "mostly" if sources[0][1] < c.u / 2 else "from"
         parts = [
@@ -204,24 +199,19 @@ class Brief:
     @property
     def influence(self) -> str:
         """The trial and the visit that move the headline most."""
-        c = self.headline
+        c, parts = self.headline, list[str]()
         if c is None or not 0 < c.u < math.inf:
             return ""
         places = decimals(c.u) + 1
-        moves = [
-            (f"{kind} {one.id}", signed(one.shift, places))
-            for kind, one in (("trial", c.influence.trial), ("visit", c.influence.visit))
-            if one is not None and float(f"{one.shift:.{places}f}")
-        ]
-        parts = [
-            f"{one} ({shift})"
-            if i
-            else f"{one} ({letter(self.quoted.headline)} {shift} without it)"
-            for i, (one, shift) in enumerate(moves)
-        ]
+        for kind, one in (("trial", c.influence.trial), ("visit", c.influence.visit)):
+            if one is not None and float(f"{one.shift:.{places}f}"):
+                shift = signed(one.shift, places)
+                if not parts:
+                    shift = f"{letter(self.quoted.headline)} {shift} without it"
+                parts.append(f"{kind} {one.id} ({shift})")
         return f"Most influential: {', '.join(parts)}." if parts else ""
 
-    @functools.cached_property
+    @cached_property
     def reach(self) -> str:
         """Distance at which the quoted model's lift change is `SEEN`; empty beyond the trials."""
         z_hat = self.evidence.observations[self.boundary].z_hat
@@ -235,7 +225,7 @@ class Brief:
             larger = np.flatnonzero(change >= 0)
             if not len(larger) or larger[-1] == len(grid) - 1:
                 return ""
-            grid = np.geomspace(*grid[larger[-1] : larger[-1] + 2], 9)
+            grid = np.geomspace(grid[larger[-1]], grid[larger[-1] + 1], 9)
         at = float(grid[4])
         mm = 1e3 * at * self.evidence.campaign.vehicle.rotor_radius
         where = f"a recorded ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)"
@@ -282,13 +272,11 @@ class Brief:
         if within := diagnosis.within_trial:
             change = within.change_over_record
             u = 100 * (change.hi90 - change.lo90) / 3.3
-            ends = (change.value, change.lo90, change.hi90)
-            value, low, high = (like(100 * x, u) for x in ends)
+            value, low, high = (like(100 * x, u) for x in (change.value, change.lo90, change.hi90))
             names = titles(within.candidates, "or") if within.significant else ""
             cause = f", as by {names}" if names else ""
-            said.append(
-                f"within a record, lift changes by {value} % (90 %: {low} to {high}){cause}"
-            )
+            ends = f"(90 %: {low} to {high})"
+            said.append(f"within a record, lift changes by {value} % {ends}{cause}")
         if could := diagnosis.sensitivity:
             said += [f"with {could.trials} trials only single effects were tested", power(could)]
         return [sentence(text) for text in (*said, *(limit.text for limit in diagnosis.limits))]
@@ -297,10 +285,11 @@ class Brief:
 
     @property
     def doubts(self) -> list[str]:
-        """Doubts, the most serious first; those shared by several boundaries last."""
+        """Doubts, the most serious first; those shared by several boundaries last. What `omits`
+        says with the number is left out.
+        """
         every = sorted(doubts(self.evidence).items(), key=lambda d: len(d[1]) != 1)
         mine = [text for text, of in every if self.boundary in of or not of]
-        # `omits` says the same with the number
         return [text for text in mine if text != self.inputs]
 
     @property
@@ -324,12 +313,11 @@ class Brief:
                 f"{which}, as cell means deviate from the curve by more than scatter ({p})."
                 f" {f'The quoted model includes {effects}' if effects else valid}"
             )
+        undiagnosed = (
+            ". Effects on the repeats themselves (sessions, supply, drift) need the diagnosis"
+        )
         text = "cell means deviate no more than repeats scatter"
-        if not self.evidence.has(DIAGNOSIS):
-            text += (
-                ". Effects on the repeats themselves (sessions, supply, drift) need the diagnosis"
-            )
-        return text
+        return text + ("" if self.evidence.has(DIAGNOSIS) else undiagnosed)
 
     @property
     def reservations(self) -> list[str]:
@@ -345,19 +333,15 @@ class Brief:
         if self.evidence.not_diagnosed(self.boundary):
             # a known shift out of the interval is more serious than a possible one
             reach = 0.5 * (headline.hi90 - headline.lo90) if headline else math.inf
-            large = sorted(
-                (s for s in suspects if abs(s.shift) > reach), key=lambda s: -abs(s.shift)
-            )
-            said += [s.text for s in large]
+            large = [s for s in suspects if abs(s.shift) > reach]
+            said += [s.text for s in sorted(large, key=lambda s: -abs(s.shift))]
             said.append("not diagnosed: the coefficient may include an effect of any size")
         if diagnosis and diagnosis.look:
             said.append(f"the campaign is still growing: {diagnosis.look.text}")
         if self.rejected and quoted.verdict in ("adequate", NOT_DIAGNOSED):
             # the other verdicts are not about the base model alone
-            said.append(
-                f"cell means deviate significantly from {self.model}: the interval is valid only if"
-                " the model is"
-            )
+            only_if = "the interval is valid only if the model is"
+            said.append(f"cell means deviate significantly from {self.model}: {only_if}")
         if diagnosis:
             said += [*(diagnosis.contradicted or ()), *map(titled, diagnosis.at_bound or ())]
             said += [random_walk(diagnosis.wander)] if diagnosis.wander is not None else []
@@ -366,15 +350,11 @@ class Brief:
                 vary = f" vary with {where}" if where else " have structure"
                 said.append(f"residuals{vary}, unexplained: the coefficient may be affected too")
         said += [s.text for s in suspects if _is_serious(s, headline)]
-        said += [
-            f"{letter(name)} is at a bound of its range"
-            for name, c in quoted.coefficients.items()
-            if c.at_bound
-        ]
+        at_bound = [n for n, c in quoted.coefficients.items() if c.at_bound]
+        said += [f"{letter(name)} is at a bound of its range" for name in at_bound]
         if quoted.verdict == NOT_DIAGNOSED:
             # after the loop the other conditions show it
-            degeneracies = self.evidence.base(self.boundary)[1].degeneracies
-            said += [d.text for d in degeneracies[:1]]
+            said += [d.text for d in self.evidence.base(self.boundary)[1].degeneracies[:1]]
         # the interval covers the rivals: where they agree, what it leaves out is more serious
         apart = headline is not None and any(
             d.explanation and abs(d.value - headline.value) > headline.u for d in headline.doubts
@@ -429,14 +409,13 @@ class Brief:
         parts: list[str] = []
         for e in errors:
             size = f"{e.text} " if not parts or e.text != errors[0].text else ""
-            what = f"error in {e.title} shifts {noun(self.quoted.headline)}"
-            what = f"{size}in {e.title}" if parts else f"{size}{what}"
+            shifts = "" if parts else f" shifts {noun(self.quoted.headline)}"
+            what = f"{size}{'' if parts else 'error '}in {e.title}{shifts}"
             # a larger error would be detected
             parts.append(f"{what} by {'up to ' if e.at_most else ''}{plain(e.shift, 2)}")
-        states = {1: "does not state it", 2: "states neither"}.get(
-            len(errors), "states none of them"
-        )
-        return f"A {', '.join(parts)}. The manifest {states}." if parts else ""
+        states = {1: "does not state it", 2: "states neither"}
+        which = states.get(len(errors), "states none of them")
+        return f"A {', '.join(parts)}. The manifest {which}." if parts else ""
 
     # next steps
 
@@ -464,10 +443,8 @@ class Brief:
         for experiment in diagnosis.next_experiment[:1] if diagnosis else ():
             # no feasible session distinguishes them; what one acts through may be logged
             effects = dict.fromkeys(" + ".join(experiment.separates).split(" + "))
-            columns = self._unlogged(
-                [c for e in effects for c in catalogue.effect(e).log_next_time]
-            )
-            if columns:
+            wanted = [c for e in effects for c in catalogue.effect(e).log_next_time]
+            if columns := self._unlogged(wanted):
                 steps.append(f"log {listed(columns)}, to distinguish {_against(experiment)}")
                 done |= {*columns}
         if unexplained:
@@ -475,16 +452,22 @@ class Brief:
             where = structure_along(diagnosis)
             more = [f"whatever else changes with {where}"] if where else []
             return _steps(steps + self._logging(more, done))
-        detect, wanted = self._to_detect
-        steps += [] if wanted & done else detect
+        detect, columns = self._to_detect
+        steps += detect if done.isdisjoint(columns) else []
         if large := [e.title for e in self.unstated if e.in_u > 1]:
             # "rotor radius and spacing"
             if large[0].startswith("rotor "):
                 large[1:] = [w.removeprefix("rotor ") for w in large[1:]]
             steps.append(f"state the uncertainty of {listed(large)}")
         elif self.headline and not steps:
-            steps += _better(self.headline)
-        return _steps(steps + self._logging(done=done | wanted))
+            # the measurement that would lower its uncertainty most
+            lines = {line.source: line for line in self.headline.budget}
+            for source in [s for s, _ in leads(self.headline) if lines[s].scope][:1]:
+                repeats = lines[source].kind == "A"
+                steps.append(
+                    f"add trials: {source} dominates" if repeats else f"improve the {source}"
+                )
+        return _steps(steps + self._logging(done=done.union(columns)))
 
     @property
     def feasible(self) -> list[NextExperiment]:
@@ -497,21 +480,21 @@ class Brief:
         ]
 
     @property
-    def _to_detect(self) -> tuple[list[str], set[str]]:
+    def _to_detect(self) -> tuple[list[str], list[str]]:
         """How to detect the effect that hides best, and the columns that this asks for."""
         hidden = undetected(self.evidence, self.boundary)
         if hidden is None:
-            return [], set()
+            return [], []
         effect, data = catalogue.effect(hidden[1]), self.evidence.observations[self.boundary]
         columns = [n for n in effect.log_next_time if n in BY_NAME]
+        if not columns:
+            missing = missing_for(effect, data)
+            return ([f"to detect {effect.name}: {missing}"] if missing else []), []
         if len(self._unlogged(columns)) < len(columns):
-            return [], set()
-        if columns:
-            held = f"the constant-{self.evidence.campaign.rig.held} assumption"
-            test = held if effect.name == "held_quantity" else effect.name
-            return [f"log {listed(columns)}, to test {test}"], {*columns}
-        missing = missing_for(effect, data)
-        return ([f"to detect {effect.name}: {missing}"] if missing else []), set()
+            return [], []
+        held = f"the constant-{self.evidence.campaign.rig.held} assumption"
+        test = held if effect.name == "held_quantity" else effect.name
+        return [f"log {listed(columns)}, to test {test}"], columns
 
     def _unlogged(self, columns: Sequence[str]) -> list[str]:
         """Columns of the schedule that are not logged, each once."""
@@ -519,13 +502,13 @@ class Brief:
         named = (c for c in dict.fromkeys(columns) if c in BY_NAME)
         return [c for c in named if BY_NAME[c].inside not in known]
 
-    def _logging(self, more: Sequence[str] = (), done: set[str] | None = None) -> list[str]:
+    def _logging(self, more: Sequence[str] = (), done: Sequence[str] | set[str] = ()) -> list[str]:
         """Quantities to record next time, without those asked for already, and what that makes
         testable.
         """
         untestable = self.diagnosis.untestable if self.diagnosis else {}
         asked = dict.fromkeys(w for log in untestable.values() for w in log)
-        words = [*(w for w in asked if w not in (done or ())), *more]
+        words = [*(w for w in asked if w not in done), *more]
         if not words:
             return []
         text = f"log {listed([w.replace('_', ' ') for w in words])}"
@@ -535,7 +518,7 @@ class Brief:
         return [text + (f": {titles([*untestable])} {become} testable" if untestable else "")]
 
 
-@functools.lru_cache(maxsize=1)
+@lru_cache(maxsize=1)
 def briefs(evidence: Evidence) -> list[Brief]:
     """Sentences about every boundary."""
     return [Brief(evidence, b) for b in evidence.boundaries]
@@ -583,11 +566,8 @@ def power(could: Sensitivity) -> str:
     texts = [titled(row.text) for row in could.limits if row.size is not None]
     if not texts:
         return f"{could.trials} trials could not have detected any effect of a possible size"
-    names = several(texts, MAX_POWERS)
-    return (
-        f"{could.trials} trials could have detected {names}, with"
-        f" {100 * could.chance:.0f} % power each"
-    )
+    chances = f"with {100 * could.chance:.0f} % power each"
+    return f"{could.trials} trials could have detected {several(texts, MAX_POWERS)}, {chances}"
 
 
 def level_curve(fit: LevelFit) -> str:
@@ -612,16 +592,6 @@ def _is_serious(suspect: Suspect, headline: CoefficientResult | None) -> bool:
     if headline is None or without is None:
         return True
     return abs(suspect.shift) > headline.u or without.u > 2 * headline.u
-
-
-def _better(c: CoefficientResult) -> list[str]:
-    """The measurement that would lower a coefficient's uncertainty most."""
-    lines = {line.source: line for line in c.budget}
-    for source, _ in leads(c):
-        if lines[source].scope:
-            repeats = lines[source].kind == "A"
-            return [f"add trials: {source} dominates" if repeats else f"improve the {source}"]
-    return []
 
 
 def _steps(steps: Sequence[str]) -> str:

@@ -8,13 +8,11 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-from nearlift import catalogue
 from nearlift.declare import Boundary
 from nearlift.report import blocks, tables
 from nearlift.report.chapters.numbers import reduced
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place, headline
-from nearlift.results.fit import ModelComparison
 from nearlift.stages.diagnose import NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
 
@@ -37,33 +35,17 @@ def facts(evidence: Evidence) -> Markup:
         base = evidence.base(b)[0].title
         count = f"{c.models[c.reference].visits} visits; base: {base}"
         parts.append(tables.html(mine, f"{b.capitalize()}: {count}"))
-        scores = {n: score for n, score in c.models.items() if score.r2 == score.r2}
-        closest = max(scores, key=lambda n: scores[n].r2, default=c.reference)
-        if evidence.base(b)[1].height_error and scores and _is_predicted_worse(c, closest):
-            text = (
-                "R² is highest for {}. The score lets a model deviate at the nearest distances by"
-                " the stated distance error; R² does not."
-            )
-            parts.append(blocks.paragraph(text, catalogue.model(closest).title, note=True))
         failed = evidence.fits.failed.get(b, {})
         if failed:
             text = "; ".join(f"{n} ({why})" for n, why in sorted(failed.items()))
             parts.append(blocks.paragraph("Not fitted: {}.", text, note=True))
     intro = (
         "Δ score: log predictive density of each visit, predicted from all others, less the base"
-        " model's. A difference counts if it exceeds twice its u. Every row is a fit without"
+        " model's. A difference counts if it exceeds twice its u. Unlike R², the score lets a model"
+        " deviate at the nearest distances by a stated distance error. Every row is a fit without"
         " effects; the coefficients to quote are in the summary."
     )
     return blocks.join(blocks.paragraph(intro), *parts)
-
-
-def _is_predicted_worse(compared: ModelComparison, name: str) -> bool:
-    """Whether another model predicts visits left out better by more than twice the error."""
-    score = compared.models[name]
-    return any(
-        other.d_elpd - score.d_elpd > 2 * max(other.u_d_elpd, score.u_d_elpd)
-        for other in compared.models.values()
-    )
 
 
 def _coefficients(evidence: Evidence, boundary: Boundary, model: str) -> Markup | str:

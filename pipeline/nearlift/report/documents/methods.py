@@ -6,15 +6,13 @@ import functools
 import re
 from importlib import resources
 
-from markupsafe import Markup
-
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, Declaration, Effect
 from nearlift.likelihood import budget
-from nearlift.nomenclature import GREEK, mathematics
+from nearlift.nomenclature import mathematics
 from nearlift.reduction.quality import rejected
-from nearlift.report import blocks, phrases, words
+from nearlift.report import phrases, words
 from nearlift.report.documents.text import environment
 from nearlift.report.evidence import Evidence
 from nearlift.results.quotation import BoundaryResult
@@ -24,8 +22,6 @@ from nearlift.version import __version__
 
 CITED = re.compile(r"\[@([a-z0-9_]+(?:; @[a-z0-9_]+)*)\]")
 PROGRAMS = {"NumPy": "numpy", "SciPy": "scipy", "Matplotlib": "matplotlib"}
-#: Markdown as plain text.
-PLAIN = {r"\hat z": "ẑ", r"\Delta": "Δ", r"_\infty": "∞", **GREEK, "$": ""}
 
 
 @functools.lru_cache(maxsize=1)
@@ -87,17 +83,6 @@ def markdown(evidence: Evidence) -> bytes:
     return ("\n\n".join(filter(None, paragraphs)) + "\n").encode()
 
 
-def facts(evidence: Evidence) -> Markup:
-    """The paragraphs as plain text, for the page."""
-    paragraphs = _plain(markdown(evidence).decode()).strip().split("\n\n")
-    files = ("methods.md", "references.bib", "tables/coefficients.tex")
-    links = Markup(", ").join(Markup('<a href="{}">{}</a>').format(f, f) for f in files)
-    return blocks.join(
-        blocks.paragraph("With citations: {}.", links, note=True),
-        *(blocks.paragraph("{}", p) for p in paragraphs),
-    )
-
-
 def references(evidence: Evidence) -> bytes:
     """references.bib: what the paragraphs cite, and nothing else."""
     groups = CITED.findall(markdown(evidence).decode())
@@ -124,14 +109,6 @@ def _cite(*declared: Declaration) -> str:
 def _inert(text: str) -> str:
     """A name from a file, with nothing in it that Markdown or this module would act upon."""
     return " ".join(re.sub(r"[$\[\]@`*\\<>]", " ", text).split())
-
-
-def _plain(text: str) -> str:
-    """Markdown for the eye: no cites, and symbols as letters."""
-    text = CITED.sub("", text)
-    for spelled, shown in PLAIN.items():
-        text = text.replace(spelled, shown)
-    return re.sub(r"(?<! ) ++([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))
 
 
 @functools.cache

@@ -37,9 +37,6 @@ from nearlift.stages.reduce import LIFT
 POINTS = 240
 #: Two curves that part by less than this much of what the data span are one line.
 VISIBLE = 0.01
-#: Rotor spacing of the PQuad in rotor radii, assumed: it is not published (its radius is, 120 mm);
-#: other plausible spacings, for the caption.
-PQUAD_SPACING_HAT, PQUAD_RANGE = 3.0, (2.5, 4.0)
 #: A lift above this is printed in newtons, below it in millinewtons.
 MILLI_BELOW_N = 2.0
 COLUMNS = (
@@ -65,17 +62,16 @@ class Reference(NamedTuple):
     note: str
 
 
-def pquad(spacing_hat: float = PQUAD_SPACING_HAT) -> dict[str, float]:
-    """Arguments of the Sanchez-Cuevas model for the PQuad with an assumed rotor spacing; its rotors
-    form a square.
-    """
-    return {"K_b": 2.0, "spacing_hat": spacing_hat, "diagonal_hat": math.sqrt(2) * spacing_hat}
-
-
+#: Rotor spacing of the PQuad in rotor radii, assumed: it is not published (its radius is, 120 mm).
+PQUAD_SPACING_HAT = 3.0
 PQUAD = Reference(
     "sanchez_cuevas",
     "S-C (PQuad)",
-    pquad(),
+    {
+        "K_b": 2.0,
+        "spacing_hat": PQUAD_SPACING_HAT,
+        "diagonal_hat": math.sqrt(2) * PQUAD_SPACING_HAT,
+    },
     "S-C (PQuad): the same for r = 120 mm. Its unpublished rotor spacing is taken as"
     f" {PQUAD_SPACING_HAT:g} r = {PQUAD_SPACING_HAT * 120:.0f} mm.",
 )
@@ -173,13 +169,6 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
         _line_note(evidence, table),
         *(r.note for r in drawn.values()),
     ]
-    if PQUAD.label in drawn:
-        model, near = catalogue.model(PQUAD.model), np.array([1.0])
-        ends = [100 * (curves.ratio(model, near, pquad(d))[0] - 1) for d in PQUAD_RANGE]
-        parts.append(
-            f"From {PQUAD_RANGE[0]:g} r to {PQUAD_RANGE[1]:g} r the PQuad's curve at ẑ = 1 runs"
-            f" from {ends[0]:.1f} % to {ends[1]:.1f} %."
-        )
     return " ".join([*parts, *(fit_note(evidence, boundary) for boundary in evidence.boundaries)])
 
 
