@@ -133,7 +133,9 @@ def test_density_of_the_campaign_is_absorbed_and_of_a_session_is_not():
 
 def test_mass_does_nothing_to_tethered_lift():
     data = campaign(3, visits=4)
-    assert fitted(data, (part("mass", 0.1),)).estimates["K_b"] == fitted(data).estimates["K_b"]
+    # by their text: NaN differs from itself
+    one, other = fitted(data, (part("mass", 0.1),)), fitted(data)
+    assert repr(one.estimates["K_b"]) == repr(other.estimates["K_b"])
 
 
 def test_what_nobody_declared_is_listed_with_what_it_would_do():
