@@ -51,6 +51,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="test modules that import the loop and what is below it alone, without slow.txt",
     )
     parser.addoption(
+        "--beyond",
+        action="append",
+        default=[],
+        help="with --core: a folder or file in tests/ that is run as well",
+    )
+    parser.addoption(
         "--write-slow",
         action="store_true",
         help=f"with --core: run all, and write those above {SLOW_CPU_S:g} s into slow.txt",
@@ -68,7 +74,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     is_test = collection_path.match("test_*.py") and collection_path.is_relative_to(
         SOURCES["tests"]
     )
-    if config.option.core and is_test and not is_core(module_name(collection_path)):
+    beyond = any(collection_path.is_relative_to(SOURCES["tests"] / b) for b in config.option.beyond)
+    if config.option.core and is_test and not beyond and not is_core(module_name(collection_path)):
         return True
     return None
 

@@ -2,8 +2,8 @@
 
     python -m tests.mutation [--count 60] [--seed 1] [--jobs 2] [--limit 300] [--again] [--save]
 
-First all tests of `make check` run once, and what
-they reach is recorded. A mutant's tests are those that run its line, module by module and the
+First all tests of `make check`, and of the packages in `BEYOND`, run once, and what they reach is
+recorded. A mutant's tests are those that run its line, module by module and the
 quick ones first, then the rest of these modules. A constant, or a line that is compiled, counts as
 run by the tests that call a function of its module or of one that imports it. `--again` takes over what an
 earlier run recorded and killed: modules of tests that are new since then are not run.
@@ -33,9 +33,11 @@ from tests.imports import ROOT, imported, module_name, modules
 from tests.mutation.mutants import Mutant, drawn
 from tests.mutation.process import Order, Recorder, run_tests
 
-ROOMS = [
-    Path("pipeline/nearlift") / r for r in ("likelihood", "fit", "loop", "reduction", "models")
-]
+CORE = ("likelihood", "fit", "loop", "reduction", "models", "effects", "flight", "flow")
+#: Packages above the loop, and their tests.
+BEYOND = {"readers": "readers", "run": "run", "report/number.py": "report/test_one_number.py"}
+ROOMS = [Path("pipeline/nearlift") / room for room in (*CORE, *BEYOND)]
+ALL = [f"--beyond={tests}" for tests in BEYOND.values()]
 PAGE = ROOT / "docs" / "mutation.md"
 #: Of the last run, which --again goes on from: by mutant, the tests that reach it; and what came out.
 REACHED, KEPT = (ROOT / ".pytest_cache" / f"mutation-{n}.json" for n in ("reached", "kept"))
@@ -69,7 +71,7 @@ def recorded(tree: Path, mutants: list[Mutant], limit_s: int) -> Record:
     for mutant in mutants:
         lines[mutant.path.as_posix()] |= {*mutant.lines(ROOT)}
     recorder = Recorder({file: frozenset(there) for file, there in lines.items()})
-    process = FORKED.Process(target=run_tests, args=(tree, [], recorder, limit_s))
+    process = FORKED.Process(target=run_tests, args=(tree, ALL, recorder, limit_s))
     process.start()
     process.join()
     if process.exitcode != pytest.ExitCode.OK:
@@ -97,7 +99,7 @@ def first_failure(tree: Path, tests: list[str], limit_s: int) -> str | None:
     """The first test that fails in a tree; empty if all pass, None if they do not end."""
     if not tests:
         return ""
-    options = ["-x", *dict.fromkeys(test.split("::")[0] for test in tests)]
+    options = ["-x", *ALL, *dict.fromkeys(test.split("::")[0] for test in tests)]
     process = FORKED.Process(target=run_tests, args=(tree, options, Order(tests), limit_s))
     process.start()
     process.join()
@@ -174,7 +176,7 @@ def page(mutants: list[Mutant], results: Mapping[str, str | None], seed: int) ->
         "# Seeded mutants",
         "",
         "`make mutate` changes one place of the core at a time, in a copy: a comparison, an operator, a sign, a constant, a dropped term,",
-        "a number off by one. It runs the tests of `make check` that reach the changed line.",
+        "a number off by one. It runs the tests of `make check` that reach the changed line; for readers, run and the printed number, their own.",
         "",
         f"**{killed} of {len(mutants)} killed** (seed {seed}); {alike} more change nothing.",
         "",

@@ -160,7 +160,8 @@ def drawn(root: Path, rooms: Sequence[Path], count: int, seed: int) -> list[Muta
     chosen: list[list[Mutant]] = []
     for number, room in enumerate(rooms):
         kinds: dict[str, list[Mutant]] = defaultdict(list)
-        for file in sorted((root / room).rglob("*.py")):
+        place = root / room
+        for file in [place] if place.is_file() else sorted(place.rglob("*.py")):
             for mutant in every(root, file.relative_to(root)):
                 kinds[mutant.kind].append(mutant)
         for mutants in kinds.values():
