@@ -46,74 +46,41 @@ def stream(seed: int, *purpose: str) -> np.random.Generator:
 
 @dataclass(frozen=True, kw_only=True)
 class Shared:
-    """Sizes of errors that many trials share, each drawn once per element of its scope; 0 is none.
-
-    Attributes
-    ----------
-    session_gain, throttle_gain, visit_gain : float
-        Standard deviation of a gain error per session, throttle or visit.
-    datum_m : float
-        Standard deviation of one offset of every distance.
-    rotor_radius, spacing_m : float
-        Standard deviation of the radius, as a fraction, and of the spacing in the manifest.
-    cell_N : float
-        Half-width of the load cell's uniform departure from its line at `range_N`; it bends with
-        the square of the force.
+    """Standard deviations of errors that many trials share, each drawn once per element of its
+    scope; 0 is none.
     """
 
     session_gain: float = 0.0
     throttle_gain: float = 0.0
     visit_gain: float = 0.0
-    datum_m: float = 0.0
-    rotor_radius: float = 0.0
-    spacing_m: float = 0.0
+    datum_m: float = 0.0  # one offset of every distance
+    rotor_radius: float = 0.0  # in the manifest, as a fraction
+    spacing_m: float = 0.0  # in the manifest
+    # half-width of the cell's uniform departure from its line at `range_N`, with force squared
     cell_N: float = 0.0
     range_N: float = 9.8
 
 
 @dataclass(frozen=True, kw_only=True)
 class Errors:
-    """Errors of trials; by default normal, independent, all alike.
+    """Errors of trials; by default normal, independent, all alike."""
 
-    Attributes
-    ----------
-    tails : float
-        Degrees of freedom of a Student t of unit variance.
-    far, near : float
-        Standard deviation at the farthest, or the nearest, distance over that at the other end,
-        linear in log distance between.
-    sessions : float
-        Standard deviation of the logarithm of a factor on each session's scatter.
-    correlation : float
-        Of a trial's error with that of the trial before.
-    wander, trials : float
-        Rms of a gain that follows an Ornstein-Uhlenbeck process over so many trials, or a random
-        walk where `trials` is infinite.
-    outliers : float
-        Share of trials that are off by 5 to 10 standard deviations.
-    bad_visit : float
-        Standard deviations by which all trials of one visit are off together.
-    lost, lost_sessions : float, int
-        Share of trials, and number of sessions, that are missing.
-    rail : float
-        Share of trials with lift beyond the amplifier's range: their means are too small.
-    table : float
-        Scatter of a cell as published, a fraction of lift, instead of the bench's; such a table has
-        no covariates and no order.
-    """
-
-    tails: float = np.inf
+    tails: float = np.inf  # degrees of freedom of a Student t of unit variance
+    # standard deviation at the farthest, or nearest, distance over that at the other end, linear in
+    # log distance between
     far: float = 1.0
     near: float = 1.0
-    sessions: float = 0.0
-    correlation: float = 0.0
+    sessions: float = 0.0  # standard deviation of the log of a factor on each session's scatter
+    correlation: float = 0.0  # with the error of the trial before
+    # rms of a gain that is an Ornstein-Uhlenbeck process over so many trials, or a random walk
     wander: float = 0.0
     trials: float = np.inf
-    outliers: float = 0.0
-    bad_visit: float = 0.0
-    lost: float = 0.0
+    outliers: float = 0.0  # share of trials that are off by 5 to 10 standard deviations
+    bad_visit: float = 0.0  # standard deviations by which all of one visit are off together
+    lost: float = 0.0  # share of trials that are missing
     lost_sessions: int = 0
-    rail: float = 0.0
+    rail: float = 0.0  # share of trials beyond the amplifier's range: their means are too small
+    # scatter of a cell as published, a fraction of lift; such a table has no covariates, no order
     table: float = 0.0
 
 
@@ -121,65 +88,35 @@ class Errors:
 class Spec:
     """What to simulate.
 
-    Attributes
-    ----------
-    effects : tuple of (kind, rho)
-        Names of effects of `forms` with their strength; empty for a null.
-    foreign : bool
-        Whether named effects take their foreign form.
-    design : str
-        "from_one" (stations from z_hat = 1, ceiling and sidewall from 0.1), "percent_diameter" or
-        "mm" (readings of Table 1).
-    realism : bool
-        t6 tails and 0.3 % outliers of trials, and an unstated random gain of 0.03 %.
-    spread : float
-        Coefficients are drawn within +- this fraction of the published ones.
-    sink : float
-        Motor heating: fraction by which lift falls within a record at the highest throttle, in
-        proportion to load. L_inf absorbs its mean, so only records show it; rho does not apply.
-    samples : int or None
-        Running samples per record; 260 to 500 if None.
-    every : int
-        Takes every so-manieth station, the farthest among them.
-    distances : int or None
-        Takes that many instead, from the nearest to the farthest.
-    declared : bool
-        Whether the manifest states `shared.datum_m`, `rotor_radius` and `spacing_m`.
-    errors : Errors or None
-        Simulate trials, not records, with errors of this kind; `realism`, `sink` and the rest of
-        `shared` then do not apply.
-    order : str
-        "random": stations in random order, and a fifth of the visits overshoots and comes back;
-        "swept": from the nearest to the farthest, again and again; "scattered": every trial at a
-        height of its own, log-uniform.
-    radius_m : float
-        A larger rotor is the same vehicle, larger; lift scales with its area.
-    height_m : float or None
-        Standard deviation of a visit's height, instead of 0.02 to 0.1 mm.
-    experiments : bool
-        Log the columns by which `forms.EXPERIMENTS` can be identified.
+    `design` is "from_one" (stations from z_hat = 1, ceiling and sidewall from 0.1),
+    "percent_diameter" or "mm" (readings of Table 1). `order` is "random" (a fifth of the visits
+    overshoots and comes back), "swept" (from the nearest to the farthest, again and again) or
+    "scattered" (every trial at a height of its own, log-uniform). With `errors` trials are simulated
+    and no records; `realism`, `sink` and the gains of `shared` then do not apply.
     """
 
     boundary: str
-    effects: tuple[tuple[str, float], ...] = ()
-    foreign: bool = False
+    effects: tuple[tuple[str, float], ...] = ()  # names in `forms` with their rho
+    foreign: bool = False  # whether named effects take their foreign form
     design: str = "from_one"
-    realism: bool = True
+    realism: bool = True  # t6 tails, 0.3 % outliers, an unstated random gain of 0.03 %
     visits: int = 15
     sessions: int = 6
     throttles: tuple[float, ...] = THROTTLES
-    spread: float = 0.2
+    spread: float = 0.2  # of coefficients about the published ones, a fraction either way
+    # fraction by which heating lowers lift within a record, in proportion to load; L_inf absorbs
+    # its mean, so that only records show it
     sink: float = 0.0
-    samples: int | None = None
-    every: int = 1
-    distances: int | None = None
+    samples: int | None = None  # running samples per record; 260 to 500 if None
+    every: int = 1  # takes every so-manieth station, the farthest among them
+    distances: int | None = None  # takes that many instead, from the nearest to the farthest
     shared: Shared = Shared()
-    declared: bool = False
+    declared: bool = False  # whether the manifest states errors of datum, radius and spacing
     errors: Errors | None = None
     order: str = "random"
-    radius_m: float = RADIUS
-    height_m: float | None = None
-    experiments: bool = False
+    radius_m: float = RADIUS  # a larger rotor is the same vehicle, larger
+    height_m: float | None = None  # standard deviation of a visit's height; 0.02 to 0.1 mm if None
+    experiments: bool = False  # log the columns by which `forms.EXPERIMENTS` can be identified
 
     @property
     def spacing_m(self) -> float:
