@@ -7,12 +7,8 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.models.empirical import HAYDEN
-from nearlift.models.images import CHEESEMAN_BENNETT_THEORY, IMAGES, SANCHEZ_CUEVAS, square
-from nearlift.models.momentum import (
-    HSIAO_CHIRARATTANANON,
-    HSIAO_CHIRARATTANANON_CONSTANT_POWER,
-    gamma,
-)
+from nearlift.models.images import square
+from nearlift.models.momentum import HSIAO_CHIRARATTANANON, HSIAO_CHIRARATTANANON_CONSTANT_POWER
 
 R = 23.0  # mm
 GROUND_Z = (0.5, 1.0, 1.14, 1.5, 2.0, 2.48, 3.0, 4.0, 5.0)
@@ -68,29 +64,5 @@ def test_ceiling_table():
     np.testing.assert_allclose(HSIAO_CHIRARATTANANON_CONSTANT_POWER(z), constant_power, atol=6e-4)
 
 
-@pytest.mark.parametrize(("z", "value"), [(1.0, 1.066667), (0.5, 1.333333), (2.0, 1.015873)])
-def test_cheeseman_bennett(z, value):
-    assert float(CHEESEMAN_BENNETT_THEORY(z)) == pytest.approx(value, abs=5e-7)
-
-
-@pytest.mark.parametrize(
-    ("z", "value"), [(0.5, 1.112372), (1.0, 1.030330), (2.0, 1.007752), (0.1, 2.337117)]
-)
-def test_gamma(z, value):
-    assert float(gamma(z, 0.125)) == pytest.approx(value, abs=5e-7)
-
-
 def test_hayden_tends_to_less_than_one():
     assert float(HAYDEN(np.inf)) == pytest.approx(0.9951, abs=6e-5)
-
-
-def test_ceiling_at_contact_scale():
-    """Four times the lift near contact at gamma, 2.5 times at the same power."""
-    assert float(gamma(0.05, 0.125)) ** (2 / 3) == pytest.approx(4 ** (2 / 3), rel=0.02)
-    assert round(4 ** (2 / 3), 1) == 2.5
-
-
-def test_no_fountain_is_the_images():
-    without = SANCHEZ_CUEVAS(1.0, spacing_hat=90 / R, diagonal_hat=math.sqrt(2) * 90 / R, K_b=0)
-    assert float(without) == pytest.approx(float(IMAGES(1.0, layout_hat=square(90 / R))), rel=1e-12)
-    assert float(without) == pytest.approx(1.0831, abs=6e-5)
