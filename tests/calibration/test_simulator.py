@@ -173,6 +173,7 @@ def test_rivals_find_what_is_plain_to_see():
         assert "supply_sag" in names, method
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_every_kind_is_drawn_as_strong_and_as_noisy_as_it_says(kind):
     """Of six seeds, three have an effect where a kind is of both. Deviations are white to the true
@@ -264,6 +265,7 @@ def test_a_wrong_radius_in_the_manifest_moves_no_lift_and_is_in_the_true_covaria
     assert (part.on, part.standard) == ("rotor_radius", 0.01)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", forms.STRANGE)
 def test_strange_structures_are_no_library_effect_in_disguise(name):
     """What theta and L_inf leave of each runs parallel to no named effect, own form or foreign, on

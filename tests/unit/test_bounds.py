@@ -1,7 +1,6 @@
 """No pattern takes more than linear time on a stranger's text.
 
-Each runs in a process of its own, since what hangs cannot be interrupted from within: ten seconds
-are generous where a hundredth is needed.
+All run in a process of its own, since what hangs cannot be interrupted from within.
 """
 
 import ast
@@ -66,25 +65,27 @@ def patterns() -> list[tuple[str, str, str]]:
     return found
 
 
+#: On 20,000 characters a linear pattern takes milliseconds of processor, a quadratic one seconds.
 PUMP = r"""
-import re
+import re, time
 PIECES = [" ", "\t", "1", "1.", "1,", "1 ", "a", "a ", "a.", "a: ", "-", "#", "//", "(", "[", "{", '"', "'", '"a" ', "[a] ", "a [", "(a) ", "$a"]
 HEADS = ["", "1 ", "a ", "a [", '"a" ', "2D-vector 1", "GridSize", "GridSize: {Width", "VARIABLES=", "powertrain 1 - force fz", "Fz1 = [", "z=["]
 def answer(where, how, pattern):
     # a word is worth trying only where the pattern knows it
     heads = [head for head in HEADS if len(head) < 6 or head[:5] in pattern]
     pattern = re.compile(pattern)
+    apply = pattern.search if how not in ("match", "fullmatch") else getattr(pattern, how)
     for piece in [*PIECES, *heads[1:]]:
-        body = piece * (50_000 // len(piece)) + "\0!"
+        body = piece * (20_000 // len(piece)) + "\0!"
         for head in heads:
-            faulthandler.dump_traceback_later(15, exit=True)
-            if how in ("match", "fullmatch"):
-                getattr(pattern, how)(head + body)
-            else:
-                pattern.search(head + body)
+            began = time.process_time()
+            apply(head + body)
+            if time.process_time() - began > 0.3:
+                return f"{how} of {pattern.pattern}: {head + piece!r} repeated"
+    return ""
 """
 
 
 def test_no_pattern_takes_more_than_linear_time():
     done = run(PUMP, *patterns())
-    assert "hung" not in done, done["hung"]
+    assert {where: slow for where, slow in done.items() if slow} == {}
