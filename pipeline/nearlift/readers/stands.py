@@ -21,6 +21,7 @@ import csv
 import functools
 import re
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -61,17 +62,17 @@ STANDS = {
     "rcbenchmark": Stand(
         title="RCbenchmark 15xx",
         needs=("time", "esc signal", "thrust", "voltage"),
-        speeds="motor.*speed.*",
+        speeds="motor*speed*",
     ),
     "flight-stand": Stand(
         title="Tyto Flight Stand v2",
-        needs=("time", r"powertrain \d+ - force fz.*"),
-        speeds=".*rotation speed",
+        needs=("time", "powertrain [0-9]* - force fz*"),
+        speeds="*rotation speed",
     ),
     "crazyflie": Stand(
         title="Crazyflie system identification",
         needs=("pwm", "vbat", "weight|thrust"),
-        speeds=r"rpm\d",
+        speeds="rpm[0-9]",
     ),
 }
 
@@ -87,7 +88,12 @@ def _header(head: bytes) -> list[str]:
 
 def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
     names = [_bare(cell) for cell in _header(head)]
-    return all(any(re.fullmatch(form, name) for name in names) for form in stand.needs)
+    return all(any(_fits(name, form) for name in names) for form in stand.needs)
+
+
+def _fits(name: str, form: str) -> bool:
+    """Whether a name is of a form: shell wildcards, alternatives between bars."""
+    return any(fnmatchcase(name, one) for one in form.split("|"))
 
 
 def _bare(name: str) -> str:
@@ -110,7 +116,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     if len(set(columns)) < len(columns):
         what = f"has more than one column {max(columns, key=columns.count)!r}"
         raise InputRefused(f"{path}, line 1", what, "rename or drop one of them")
-    speeds = [name for name in columns if re.fullmatch(stand.speeds, _bare(name))]
+    speeds = [name for name in columns if _fits(_bare(name), stand.speeds)]
     also = None if names is None else (*names, *speeds)
     text = plain(content, str(path), Dialect(encoding="utf-8"))
     layout = Layout(
