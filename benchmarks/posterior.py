@@ -98,7 +98,7 @@ def nearlift(path: Path, ess: int, chain: bool) -> Any:
         problem=Likelihood(model=model, data=data, covariance=covariance),
         centre=np.array([p.value for p in model.parameters]),
     )
-    return posterior.sample(density, posterior.Settings(ess=ess), 1, chain=chain).theta
+    return posterior.sample(density, 1, ess=ess, chain=chain).theta
 
 
 def whitener(found: dict[str, Any]) -> Any:

@@ -49,8 +49,7 @@ def rank(job):
         noise = Noise(**{k: part * getattr(true, k) for k in ("relative", "force_N", "height_m")})
     fitted = fit(replace(model, parameters=(flat,)), campaign.data, scatter=noise)
     density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
-    settings = posterior.Settings(ess=1000)
-    drawn = posterior.sample(density, settings, seed, boundary, chain=False).flat()[:, 0]
+    drawn = posterior.sample(density, seed, boundary, ess=1000, chain=False).theta.ravel()
     truth = campaign.truth.theta[parameter.name]
     low, high = np.quantile(drawn, [0.05, 0.95])
     return float(np.mean(drawn < truth)), bool(low <= truth <= high)

@@ -107,7 +107,7 @@ def test_a_linear_model_has_the_intervals_of_least_squares(dof):
     errors of a quantile from 4000 draws.
     """
     target, found = density(line(FLAT), dof=dof)
-    drawn = posterior.sample(target, posterior.Settings(), 1).flat()[:, 0]
+    drawn = posterior.sample(target, 1).theta[:, :, 0].ravel()
     u = np.sqrt(found.covariance[0, 0])
     law = stats.t(dof) if np.isfinite(dof) else stats.norm()
     for p in (0.05, 0.5, 0.95):
@@ -122,7 +122,7 @@ def test_the_evidence_is_the_integral(dof):
     a = np.linspace(-400, 400, 400_001)[:, None] * u * 0.1 + found.theta
     log = target(a)
     brute = np.log(np.exp(log - log.max()).sum() * (a[1, 0] - a[0, 0])) + log.max()
-    drawn = posterior.sample(target, posterior.Settings(), 2)
+    drawn = posterior.sample(target, 2)
     assert drawn.u_log_evidence < 1e-6
     assert drawn.log_evidence == pytest.approx(brute, abs=1e-4)
     # what few degrees of freedom do to the shape, they do not do to the integral over a flat prior
@@ -142,7 +142,7 @@ def test_the_evidence_is_the_integral(dof):
 
 def test_levels_given_the_parameters_are_those_of_least_squares():
     target, found = density(line(FLAT))
-    drawn = posterior.sample(target, posterior.Settings(), 3)
+    drawn = posterior.sample(target, 3)
     for i, (throttle, level) in enumerate(found.levels.items()):
         each = drawn.levels_N[:, :, i].ravel()
         assert abs(each.mean() - level.value) < 5 * level.u / np.sqrt(4000), throttle
@@ -152,10 +152,12 @@ def test_levels_given_the_parameters_are_those_of_least_squares():
 def test_the_posterior_is_the_prior_where_the_data_are_blind():
     """All trials at one distance: L_inf takes everything. 5 standard errors of a quantile."""
     target, _ = density("sanchez_cuevas", stations=(1.5,), visits=12)
-    found = posterior.sample(target, posterior.Settings(), 1)
+    found = posterior.sample(target, 1)
     prior = target.priors[0]
-    assert abs(np.mean(found.flat()[:, 0] < prior.quantile(0.5)) - 0.5) < 5 * 0.5 / np.sqrt(4000)
-    ratio, words = compare_with_prior(prior, found.flat()[:, 0])
+    assert abs(
+        np.mean(found.theta[:, :, 0].ravel() < prior.quantile(0.5)) - 0.5
+    ) < 5 * 0.5 / np.sqrt(4000)
+    ratio, words = compare_with_prior(prior, found.theta[:, :, 0].ravel())
     assert ratio == pytest.approx(1.0, abs=0.1)
     assert (
         "the data say nothing about K_b: its interval is the prior's (normal, mean 2, sd 4), not a"
@@ -169,9 +171,9 @@ def test_a_posterior_at_a_bound_is_said_to_be():
         ratio=lambda z: 0.5 + 0.5 * np.sqrt(np.maximum(1 - 0.03 / z**2, 0)),
         stations=(0.3, 0.5, 1.0, 4.0),
     )
-    found = posterior.sample(target, posterior.Settings(), 1)
-    assert found.flat().min() >= 0
-    _, words = compare_with_prior(target.priors[0], found.flat()[:, 0])
+    found = posterior.sample(target, 1)
+    assert found.theta.min() >= 0
+    _, words = compare_with_prior(target.priors[0], found.theta[:, :, 0].ravel())
     assert re.search(r"\b(9\d|100) % of the posterior of alpha lies against its bound 0", words)
 
 
@@ -198,7 +200,7 @@ def test_a_posterior_unlike_least_squares_says_why():
 
 def test_a_model_without_parameters_has_levels_and_evidence():
     target, found = density("cheeseman_bennett_fixed")
-    drawn = posterior.sample(target, posterior.Settings(ess=400), 1)
+    drawn = posterior.sample(target, 1, ess=400)
     assert drawn.sampler == "none"
     assert drawn.theta.shape == (4, 100, 0)
     assert drawn.levels_N.shape == (4, 100, len(found.levels))
@@ -207,8 +209,7 @@ def test_a_model_without_parameters_has_levels_and_evidence():
 
 def test_the_same_seed_gives_the_same_draws_and_another_does_not():
     target, _ = density("sanchez_cuevas")
-    settings = posterior.Settings(ess=400)
-    one, same, other = (posterior.sample(target, settings, s, "ground").theta for s in (1, 1, 2))
+    one, same, other = (posterior.sample(target, s, "ground", ess=400).theta for s in (1, 1, 2))
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one, other)
 
@@ -245,9 +246,8 @@ def test_priors_are_cut_off_at_the_bounds_and_integrate_to_one():
 def test_chain_and_grid_agree_and_deliver_what_was_asked(model, more):
     """Bent and long-tailed shapes among them. Draws of the grid have five standard errors."""
     target, _ = density(model, seed=5, **more)
-    settings = posterior.Settings(ess=2000)
-    chain = posterior.sample(target, settings, 1)
-    drawn = posterior.sample(target, settings, 1, chain=False)
+    chain = posterior.sample(target, 1, ess=2000)
+    drawn = posterior.sample(target, 1, ess=2000, chain=False)
     assert (chain.sampler, drawn.sampler) == ("emcee", "grid")
     assert [c.by for c in chain.checks] == ["grid"]
     assert chain.checks[0].apart < posterior.APART
@@ -259,9 +259,9 @@ def test_chain_and_grid_agree_and_deliver_what_was_asked(model, more):
     assert chain.log_evidence == drawn.log_evidence
     for i in range(len(drawn.names)):
         mean, sd = drawn.exact.moments(i)
-        assert abs(drawn.flat()[:, i].mean() - mean) < 5 * sd / np.sqrt(2000)
+        assert abs(drawn.theta[:, :, i].ravel().mean() - mean) < 5 * sd / np.sqrt(2000)
         for p, end in zip((0.05, 0.95), drawn.exact.quantiles(i, [0.05, 0.95]), strict=True):
-            share = np.mean(drawn.flat()[:, i] < end)
+            share = np.mean(drawn.theta[:, :, i].ravel() < end)
             assert abs(share - p) < 5 * np.sqrt(p * (1 - p) / 2000)
 
 
@@ -281,10 +281,10 @@ def test_a_disagreement_of_chain_and_grid_is_an_error():
         NotConverged,
         match=r"(?s)emcee and the grid disagree: \d+ % of K_b lie below .* errors apart",
     ):
-        posterior.sample(wrong, posterior.Settings(ess=1000), 1, progress=steps.append)
-    # repeated at twice the length before it is refused
-    first = steps.index(posterior.BLOCK, 1)
-    assert steps[-1] == 2 * steps[first - 1]
+        posterior.sample(wrong, 1, ess=1000, progress=steps.append)
+    # continued to twice the length before it is refused
+    assert steps[-1] >= 4 * posterior.BLOCK
+    assert steps == list(range(posterior.BLOCK, steps[-1] + 1, posterior.BLOCK))
 
 
 def test_too_few_steps_are_refused_with_the_number_that_is_enough():
@@ -293,11 +293,11 @@ def test_too_few_steps_are_refused_with_the_number_that_is_enough():
         NotConverged,
         match=r"(?s)200 steps of 50 walkers, tau = \d.*run at least \d+: `steps = \d+` in \[fit\]",
     ) as refusal:
-        posterior.sample(target, posterior.Settings(ess=2000, steps=200), 1)
+        posterior.sample(target, 1, ess=2000, steps=200)
     enough = int(refusal.value.remedy.split()[3].rstrip(":"))
     assert 200 < enough < 5000
     assert refusal.value.exit_code == 5
-    found = posterior.sample(target, posterior.Settings(ess=2000, steps=2 * enough), 1)
+    found = posterior.sample(target, 1, ess=2000, steps=2 * enough)
     assert found.ess.min() >= 2000
 
 
@@ -340,9 +340,5 @@ def test_an_interrupted_chain_prints_nothing(capsys):
             return target(theta)
 
     with pytest.raises(KeyboardInterrupt):
-        posterior.run_chain(
-            Interrupted(),
-            posterior.Settings(ess=200, steps=1000),
-            lambda _: np.random.default_rng(1),
-        )
+        posterior.run_chain(Interrupted(), lambda _: np.random.default_rng(1), ess=200, most=1000)
     assert capsys.readouterr() == ("", "")

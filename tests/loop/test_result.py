@@ -8,7 +8,7 @@ import pytest
 from tests.unit.simulated import campaign
 
 from nearlift import catalogue
-from nearlift.fit.posterior import Settings, sample
+from nearlift.fit.posterior import sample
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.result import SAME_END, with_posterior
 from nearlift.loop.search_problem import Options
@@ -28,7 +28,7 @@ def test_the_quoted_interval_is_that_of_its_posterior(gain, apart):
     assert found.quoted.effects == (() if gain is None else ("supply_sag",))
     corrections = [line.source for line in quoted.budget if "supply_sag" in line.source]
     assert corrections == ([] if gain is None else ["size and form of supply_sag"])
-    drawn = sample(found.density, Settings(ess=400), 0, "quoted")
+    drawn = sample(found.density, 0, "quoted", ess=400)
     low, high = drawn.quantiles(0, (0.05, 0.95))
     assert low == pytest.approx(quoted.lo90, abs=apart * quoted.u)
     assert high == pytest.approx(quoted.hi90, abs=apart * quoted.u)

@@ -15,6 +15,8 @@ from nearlift.fit.density import Density
 #: they do not resolve (a bent ridge): 600,000 points at most, which take a second.
 POINTS = {1: 1025, 2: 193}
 DOUBLINGS = 2
+#: Points along each axis while the grid's reach is searched, and most rounds of that search.
+ROUGH_POINTS, ROUNDS = 65, 8
 #: Fall of the log density at which the grid ends: the tail of a normal beyond it is below 1e-7.
 DEEP = 16.0
 #: Limit on the change of a cumulative probability when the resolution is halved: less than the
@@ -24,20 +26,20 @@ COARSE = 0.005
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorGrid:
-    """Points (n, p) with their probabilities (n,).
+    """Points (n, p) with their probabilities (n,), and the `steps` (p, p) from a point to its
+    neighbours, a row each.
 
-    `steps` (p, p) are the vectors from a point to its neighbours, a row each. `error` is the
-    largest change of a marginal cumulative probability when the resolution is halved.
-    `log_evidence` is the log of the integral of likelihood times prior, `u_log_evidence` its change
-    on halving the resolution.
+    `error` is the largest change of a marginal cumulative probability when the resolution is
+    halved. `log_evidence` is the log of the integral of likelihood times prior, `u_log_evidence`
+    its change on halving the resolution.
     """
 
     theta: FloatArray
     mass: FloatArray
     steps: FloatArray
-    error: float
+    error: float = 0.0
     log_evidence: float
-    u_log_evidence: float
+    u_log_evidence: float = 0.0
 
     @property
     def resolved(self) -> bool:
@@ -45,9 +47,12 @@ class PosteriorGrid:
         return self.error < COARSE
 
     def below(self, parameter: int, value: float) -> float:
-        """Marginal cumulative probability of a parameter at `value`."""
+        """Marginal cumulative probability of a parameter at `value`; each point's is spread over
+        its cell.
+        """
         width = np.abs(self.steps[:, parameter]).sum()
-        return _below(self.theta[:, parameter], self.mass, width, value)
+        share = np.clip(0.5 + (value - self.theta[:, parameter]) / width, 0.0, 1.0)
+        return float(self.mass @ share)
 
     def moments(self, parameter: int) -> tuple[float, float]:
         """Mean and standard deviation of one parameter."""
@@ -70,13 +75,7 @@ class PosteriorGrid:
         places = (np.arange(n) + rng.random()) / n
         picked = np.minimum(np.searchsorted(np.cumsum(self.mass), places), len(self.mass) - 1)
         offset = rng.random((n, len(self.steps))) - 0.5
-        drawn = self.theta[rng.permutation(picked)] + offset @ self.steps
-        return np.asarray(drawn, dtype=np.float64)
-
-
-def _below(x: FloatArray, mass: FloatArray, width: float, value: float) -> float:
-    """Cumulative probability, each point's mass spread over its cell of this width."""
-    return float(mass @ np.clip(0.5 + (value - x) / width, 0.0, 1.0))
+        return self.theta[rng.permutation(picked)] + offset @ self.steps
 
 
 def grid(density: Density) -> PosteriorGrid:
@@ -88,80 +87,65 @@ def grid(density: Density) -> PosteriorGrid:
     p = len(mean)
     value, vector = np.linalg.eigh(density.spread())
     axes = vector * np.sqrt(np.maximum(value, 1e-30))
+
+    def evaluated(points: int) -> tuple[FloatArray, FloatArray]:
+        """Points (..., p) of the lattice within `reach`, and their log density (...)."""
+        nodes = [np.linspace(low, high, points) for low, high in reach]
+        theta = mean + np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1) @ axes.T
+        return theta, density(theta.reshape(-1, p)).reshape(theta.shape[:-1])
+
     reach = np.tile([-6.0, 6.0], (p, 1))
-    for _ in range(8):
-        lattice, theta = _lattice(mean, axes, reach, 65)
-        log = density(theta).reshape(lattice)
-        grown = reach.copy()
+    for _ in range(ROUNDS):
+        _, log = evaluated(ROUGH_POINTS)
+        before, width = reach.copy(), np.ptp(reach, axis=1)
         for axis in range(p):
-            along = np.moveaxis(log, axis, 0).reshape(lattice[axis], -1).max(axis=1)
+            along = log.max(axis=tuple(i for i in range(p) if i != axis))
             held = np.flatnonzero(along > log.max() - DEEP)
-            nodes = np.linspace(float(reach[axis, 0]), float(reach[axis, 1]), lattice[axis])
+            nodes = np.linspace(*before[axis], ROUGH_POINTS)
             step = nodes[1] - nodes[0]
             # widen a side that still holds mass, shrink one that does not
-            grown[axis, 0] = (
-                nodes[0] - (nodes[-1] - nodes[0]) if held[0] == 0 else nodes[held[0]] - step
+            low, high = nodes[held[0]] - step, nodes[held[-1]] + step
+            reach[axis] = (
+                nodes[0] - width[axis] if held[0] == 0 else low,
+                nodes[-1] + width[axis] if held[-1] == ROUGH_POINTS - 1 else high,
             )
-            grown[axis, 1] = (
-                nodes[-1] + (nodes[-1] - nodes[0])
-                if held[-1] == len(nodes) - 1
-                else nodes[held[-1]] + step
-            )
-        settled = np.allclose(grown, reach, atol=0.05 * np.ptp(reach))
-        reach = grown
-        if settled:
+        if np.allclose(reach, before, atol=0.05 * np.ptp(before)):
             break
-    points = POINTS[p]
-    posterior = _at(density, mean, axes, reach, points)
-    for _ in range(DOUBLINGS):
+    for doubling in range(DOUBLINGS + 1):
+        points = (POINTS[p] - 1) * 2**doubling + 1
+        steps = (axes * (np.ptp(reach, axis=1) / (points - 1))).T
+        posterior = _with_error(*evaluated(points), steps)
         if posterior.resolved:
             break
-        points = 2 * points - 1
-        posterior = _at(density, mean, axes, reach, points)
     return posterior
 
 
-def _at(
-    density: Density, mean: FloatArray, axes: FloatArray, reach: FloatArray, points: int
-) -> PosteriorGrid:
-    """The posterior on a lattice of so many points along each axis."""
-    p = len(mean)
-    lattice, theta = _lattice(mean, axes, reach, points)
-    log = density(theta)
-    weight = np.exp(log - log.max())
-    mass = weight / weight.sum()
+def _with_error(theta: FloatArray, log: FloatArray, steps: FloatArray) -> PosteriorGrid:
+    """Grid of points (..., p) and log densities (...), compared with one of half its resolution."""
+    p, volume = theta.shape[-1], abs(float(np.linalg.det(steps)))
     half = (slice(None, None, 2),) * p
-    coarse, few = (
-        weight.reshape(lattice)[half].ravel(),
-        theta.reshape(*lattice, p)[half].reshape(-1, p),
-    )
-    steps = (axes * (np.ptp(reach, axis=1) / (points - 1))).T
-    volume = abs(float(np.linalg.det(steps)))
-    width = np.abs(steps).sum(axis=0)
+    weight = np.exp(log - log.max())
+
+    def normalised(theta: FloatArray, weight: FloatArray, cell: int) -> PosteriorGrid:
+        total = weight.sum()
+        return PosteriorGrid(
+            theta=theta.reshape(-1, p),
+            mass=weight.ravel() / total,
+            steps=cell * steps,
+            log_evidence=float(log.max()) + math.log(total * volume * cell**p),
+        )
+
+    fine, coarse = normalised(theta, weight, 1), normalised(theta[half], weight[half], 2)
     error = 0.0
     for i in range(p):
-        held = theta[mass > 0.05 * mass.max(), i]
-        for place in np.linspace(float(held.min()), float(held.max()), 9).tolist():
-            error = max(
-                error,
-                abs(
-                    _below(theta[:, i], mass, width[i], place)
-                    - _below(few[:, i], coarse / coarse.sum(), 2 * width[i], place)
-                ),
-            )
+        held = fine.theta[fine.mass > 0.05 * fine.mass.max(), i]
+        places = np.linspace(held.min(), held.max(), 9).tolist()
+        error = max([error, *(abs(fine.below(i, x) - coarse.below(i, x)) for x in places)])
     return PosteriorGrid(
-        theta=theta,
-        mass=mass,
+        theta=fine.theta,
+        mass=fine.mass,
         steps=steps,
         error=error,
-        log_evidence=float(log.max()) + math.log(weight.sum() * volume),
-        u_log_evidence=abs(math.log(weight.sum() / (2**p * coarse.sum()))),
+        log_evidence=fine.log_evidence,
+        u_log_evidence=abs(fine.log_evidence - coarse.log_evidence),
     )
-
-
-def _lattice(
-    mean: FloatArray, axes: FloatArray, reach: FloatArray, points: int
-) -> tuple[tuple[int, ...], FloatArray]:
-    nodes = [np.linspace(low, high, points) for low, high in reach]
-    mesh = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1)
-    return mesh.shape[:-1], (mean + mesh @ axes.T).reshape(-1, len(mean))

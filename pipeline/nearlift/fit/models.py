@@ -23,7 +23,6 @@ from nearlift.fit import (
 )
 from nearlift.fit.base_result import base_result
 from nearlift.fit.least_squares import LeastSquaresFit, fit
-from nearlift.fit.posterior import Settings
 from nearlift.fit.posterior_summary import add_posterior
 from nearlift.fit.summary import summary
 from nearlift.likelihood import budget, student
@@ -82,7 +81,6 @@ def fit_boundary(
         The base model fails.
     """
     boundary, base, results = data.boundary, models[0], fits.results
-    settings = Settings(ess=campaign.fit.ess, steps=campaign.fit.steps)
     parts = budget.components(campaign)
 
     def entry(model: LiftModel, fitted: LeastSquaresFit) -> ModelFit:
@@ -91,7 +89,7 @@ def fit_boundary(
         entry, draws, notes = add_posterior(
             fitted,
             summary(fitted, profiled),
-            settings,
+            campaign.fit,
             seed,
             data_sha256,
             base=model is base,

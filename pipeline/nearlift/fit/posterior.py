@@ -51,21 +51,11 @@ Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
-    """Effective sample size wanted, and maximum number of emcee's steps."""
-
-    ess: int = 4000
-    steps: int = 20_000
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Posterior:
     """Draws of a model's parameters and of L_inf.
 
     Attributes
     ----------
-    names : tuple of str
-        Of the parameters.
     theta, log_prob : (c, n, p), (c, n)
         Draws by chain (walker), and their unnormalised log density.
     levels_N : (c, n, k)
@@ -76,13 +66,11 @@ class Posterior:
         Effective sample size of the mean, and of the ends of the 90 % interval.
     tau : (p,)
         Autocorrelation time in steps; 1 for independent draws.
-    acceptance : float
-        Share of accepted moves; nan without a chain.
+    acceptance, steps : float, int
+        Share of accepted moves, and steps, of emcee; nan and 0 without a chain.
     log_evidence, u_log_evidence : float
         Log of the marginal likelihood, L_inf's prior flat in the logarithm, and its numerical
         error; nan for more than `GRID` parameters.
-    steps : int
-        Steps of emcee.
     exact : PosteriorGrid or None
         The grid, if it is resolved.
     """
@@ -96,20 +84,14 @@ class Posterior:
     ess_tail: FloatArray
     tau: FloatArray
     acceptance: float = math.nan
+    steps: int = 0
     log_evidence: float = math.nan
     u_log_evidence: float = math.nan
-    steps: int = 0
     checks: tuple[SamplerCheck, ...] = ()
     exact: PosteriorGrid | None = None
 
-    def flat(self) -> FloatArray:
-        """All draws of the parameters, (c n, p)."""
-        return self.theta.reshape(self.log_prob.size, len(self.names))
-
     def quantiles(self, i: int, probabilities: Sequence[float]) -> FloatArray:
-        """Quantiles of parameter i: of the grid, which has no Monte Carlo error, else of the
-        draws.
-        """
+        """Quantiles of parameter i: of the grid, without Monte Carlo error, or of the draws."""
         if self.exact:
             return self.exact.quantiles(i, probabilities)
         return np.asarray(np.quantile(self.theta[:, :, i], probabilities), dtype=np.float64)
@@ -117,9 +99,10 @@ class Posterior:
 
 def sample(
     density: Density,
-    settings: Settings,
     seed: int,
     *purpose: str,
+    ess: int = 4000,
+    steps: int = 20_000,
     chain: bool = True,
     progress: Progress = lambda _: None,
 ) -> Posterior:
@@ -129,6 +112,8 @@ def sample(
     ----------
     seed, purpose
         Key of the random streams; see `randomness.generator`.
+    ess, steps
+        Effective sample size wanted, and maximum number of emcee's steps.
     chain
         Whether emcee draws, also where a grid could.
     progress
@@ -144,16 +129,16 @@ def sample(
     def stream(part: str) -> np.random.Generator:
         return randomness.generator(seed, "posterior", part, *purpose)
 
-    names, count = density.problem.names, -(-settings.ess // CHAINS) * CHAINS
-    if not names:
+    p, count = len(density.centre), -(-ess // CHAINS) * CHAINS
+    if not p:
         drawn = _independent(density, np.zeros((count, 0)), "none", stream)
         return replace(drawn, log_evidence=float(drawn.log_prob[0, 0]), u_log_evidence=0.0)
-    lattice = grid(density) if len(names) <= GRID else None
+    lattice = grid(density) if p <= GRID else None
     if lattice and lattice.resolved and not chain:
         theta = np.clip(lattice.draw(stream("grid"), count), *density.problem.model.bounds)
         drawn = _independent(density, theta, "grid", stream)
     else:
-        drawn = _checked_chain(density, settings, stream, lattice, progress)
+        drawn = run_chain(density, stream, ess, steps, lattice, progress)
     if lattice is None:
         return drawn
     return replace(
@@ -162,63 +147,6 @@ def sample(
         u_log_evidence=lattice.u_log_evidence,
         exact=lattice if lattice.resolved else None,
     )
-
-
-def _checked_chain(
-    density: Density,
-    settings: Settings,
-    stream: Stream,
-    lattice: PosteriorGrid | None,
-    progress: Progress,
-) -> Posterior:
-    """Draws by emcee, checked by the grid; a chain that disagrees is repeated at twice its length.
-
-    A chain that missed a slow mode looks better than it is, and only more steps show that.
-    """
-    least = 0
-    while True:
-        drawn = run_chain(density, settings, stream, least, progress)
-        if lattice is None:
-            return drawn
-        check = compare(density.problem.names, drawn.theta, lattice)
-        if not check.failed:
-            return replace(drawn, checks=(check,))
-        if least or 2 * drawn.steps > settings.steps:
-            raise NotConverged(
-                f"posterior of {density.problem.model.name}",
-                f"emcee and the grid disagree: {check.where}, {check.apart:.1f} Monte Carlo"
-                f" standard errors apart (at most {APART:g})",
-                f"a longer chain may agree: `steps = {4 * drawn.steps}` in [fit] (now"
-                f" {settings.steps}); there may be several peaks, or one at a bound",
-            )
-        least = 2 * drawn.steps
-
-
-def compare(names: Sequence[str], theta: FloatArray, lattice: PosteriorGrid) -> SamplerCheck:
-    """Largest disagreement of a chain's quantiles with a grid, in Monte Carlo standard errors.
-
-    `theta` (w, n, p) are the draws by walker. Every quantile has its own effective sample size.
-    """
-    worst, where = 0.0, ""
-    steps = theta.transpose(1, 0, 2)
-    for probability in PROBABILITIES:
-        values = np.quantile(theta, probability, axis=(0, 1))
-        size = effective_draws((steps <= values).astype(float))
-        for i, name in enumerate(names):
-            error = math.sqrt(probability * (1 - probability) / size[i]) + lattice.error / APART
-            share = lattice.below(i, float(values[i]))
-            if abs(share - probability) > worst * error:
-                worst = abs(share - probability) / error
-                where = (
-                    f"{100 * probability:.0f} % of {name} lie below {values[i]:.5g} by emcee,"
-                    f" {100 * share:.1f} % by the grid"
-                )
-    unfit = (
-        ""
-        if lattice.resolved
-        else f"too coarse for this shape: half the resolution moves shares by {lattice.error:.3f}"
-    )
-    return SamplerCheck(by="grid", apart=worst, where=where, unfit=unfit)
 
 
 def _independent(density: Density, theta: FloatArray, sampler: str, stream: Stream) -> Posterior:
@@ -237,24 +165,93 @@ def _independent(density: Density, theta: FloatArray, sampler: str, stream: Stre
     )
 
 
-def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """L_inf in N for draws (c, n, p): (c, n, k).
+def run_chain(
+    density: Density,
+    stream: Stream,
+    ess: int,
+    most: int,
+    lattice: PosteriorGrid | None = None,
+    progress: Progress = lambda _: None,
+) -> Posterior:
+    """Draws by emcee, thinned: `ess` effective ones of every parameter, half as many in the tails.
 
-    Its logarithm given theta has Student's t distribution, since the noise scale is uncertain.
+    A chain that disagrees with the grid is continued to twice its length: one that missed a slow
+    mode looks better than it is, and only more steps show that.
+
+    Raises
+    ------
+    NotConverged
+        `most` steps were too few; the message has a number that would have been enough. Or chain
+        and grid still disagree.
     """
-    flat = theta.reshape(theta.shape[0] * theta.shape[1], theta.shape[2])
-    triangle = np.linalg.cholesky(density.problem.level_covariance)
-    root = density.problem.data.shown(np.asarray(triangle, dtype=np.float64))
-    centre = density.stations.log_levels(flat)
-    scale = np.ones(len(flat))
-    if math.isfinite(density.dof):
-        departure = np.maximum(density.stations.chi2(flat) - density.least, 0.0)
-        scale = np.sqrt(
-            (density.dof + departure) / rng.chisquare(density.dof + theta.shape[-1], len(flat))
-        )
-    noise = rng.standard_normal((len(flat), root.shape[1])) @ root.T
-    levels_N = np.exp(centre + scale[:, None] * noise)
-    return np.asarray(levels_N.reshape(*theta.shape[:-1], -1), dtype=np.float64)
+    import emcee
+
+    p, place = len(density.centre), f"posterior of {density.problem.model.name}"
+    count = max(2 * math.ceil(1.25 * ess / LENGTHS / 2), 2 * (p + 1), 32)
+    rng = stream("emcee")
+    begin = start(density, rng, count)
+    generator = np.random.RandomState(int(rng.integers(2**32)))
+    moves = [(emcee.moves.DEMove(), 1 - JUMPS), (emcee.moves.DEMove(gamma0=1.0), JUMPS)]
+    sampler = emcee.EnsembleSampler(count, p, density, moves=moves, vectorize=True)
+    # emcee's wrapper prints a traceback where a run is interrupted
+    sampler.log_prob_fn = density
+    state = emcee.State(begin, random_state=generator.get_state())
+    least = 0
+    while True:
+        state = sampler.run_mcmc(state, BLOCK)
+        steps = sampler.iteration
+        progress(steps)
+        if steps < least:
+            continue
+        theta = sampler.get_chain()
+        tau = autocorrelation_time(theta[steps // 4 :])
+        slowest = float(tau.max())
+        burn = min(math.ceil(BURN * slowest), steps - 1)
+        need = math.ceil(max(LENGTHS, 1.1 * ess / count) * slowest) + burn
+        late = theta[burn:]
+        reached = late.shape[0] * count / tau
+        if steps >= need:
+            ends = np.quantile(late, [0.05, 0.95], axis=(0, 1))
+            tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
+            if reached.min() >= ess and tail.min() >= TAIL * ess:
+                # thinning by tau / 2 costs few effective draws and saves most of the file
+                thin = max(int(slowest / 2), 1)
+                kept = late[::thin].transpose(1, 0, 2)
+                checks = (compare(density.problem.names, kept, lattice),) if lattice else ()
+                if any(check.failed for check in checks):
+                    if least or 2 * steps > most:
+                        raise NotConverged(
+                            place,
+                            f"emcee and the grid disagree: {checks[0].where},"
+                            f" {checks[0].apart:.1f} Monte Carlo standard errors apart (at most"
+                            f" {APART:g})",
+                            f"a longer chain may agree: `steps = {4 * steps}` in [fit] (now"
+                            f" {most}); there may be several peaks, or one at a bound",
+                        )
+                    least = 2 * steps
+                    continue
+                return Posterior(
+                    names=density.problem.names,
+                    theta=kept,
+                    levels_N=levels(density, kept, stream("levels")),
+                    log_prob=sampler.get_log_prob()[burn::thin].T,
+                    sampler="emcee",
+                    tau=tau,
+                    ess=reached,
+                    ess_tail=tail,
+                    acceptance=float(np.mean(sampler.acceptance_fraction)),
+                    steps=steps,
+                    checks=checks,
+                )
+            short = max(ess / reached.min(), TAIL * ess / max(float(tail.min()), 1.0))
+            need = math.ceil(steps * max(1.2, 1.1 * short))
+        if steps >= most:
+            raise NotConverged(
+                place,
+                f"{steps} steps of {count} walkers, tau = {slowest:.3g}, effective draws"
+                f" {reached.min():.0f} of {ess}",
+                f"run at least {need}: `steps = {need}` in [fit] (now {most})",
+            )
 
 
 def start(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
@@ -282,9 +279,7 @@ def start(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
 
 def effective_draws(steps: FloatArray) -> FloatArray:
     """Effective sample size of each quantity of steps (t, w, q), (q,); all if one is constant."""
-    return np.asarray(
-        steps.shape[0] * steps.shape[1] / autocorrelation_time(steps), dtype=np.float64
-    )
+    return steps.shape[0] * steps.shape[1] / autocorrelation_time(steps)
 
 
 def autocorrelation_time(steps: FloatArray) -> FloatArray:
@@ -300,71 +295,44 @@ def autocorrelation_time(steps: FloatArray) -> FloatArray:
     return tau
 
 
-def run_chain(
-    density: Density,
-    settings: Settings,
-    stream: Stream,
-    least: int = 0,
-    progress: Progress = lambda _: None,
-) -> Posterior:
-    """Sample at least `least` steps, until every parameter has the effective draws asked for, half
-    as many in the tails; thinned.
+def compare(names: Sequence[str], theta: FloatArray, lattice: PosteriorGrid) -> SamplerCheck:
+    """Largest disagreement of a chain's quantiles with a grid, in Monte Carlo standard errors.
 
-    Raises
-    ------
-    NotConverged
-        The maximum number of steps was too small; the message has one that would have been enough.
+    `theta` (w, n, p) are the draws by walker. Every quantile has its own effective sample size.
     """
-    import emcee
-
-    p, wanted = len(density.centre), settings.ess
-    count = max(2 * math.ceil(1.25 * wanted / LENGTHS / 2), 2 * (p + 1), 32)
-    rng = stream("emcee")
-    begin = start(density, rng, count)
-    generator = np.random.RandomState(int(rng.integers(2**32)))
-    moves = [(emcee.moves.DEMove(), 1 - JUMPS), (emcee.moves.DEMove(gamma0=1.0), JUMPS)]
-    sampler = emcee.EnsembleSampler(count, p, density, moves=moves, vectorize=True)
-    # emcee's wrapper prints a traceback where a run is interrupted
-    sampler.log_prob_fn = density
-    state = emcee.State(begin, random_state=generator.get_state())
-    while True:
-        state = sampler.run_mcmc(state, BLOCK)
-        steps = sampler.iteration
-        progress(steps)
-        if steps < least:
-            continue
-        theta = sampler.get_chain()
-        tau = autocorrelation_time(theta[steps // 4 :])
-        slowest = float(tau.max())
-        burn = min(math.ceil(BURN * slowest), steps - 1)
-        need = math.ceil(max(LENGTHS, 1.1 * wanted / count) * slowest) + burn
-        late = theta[burn:]
-        ess = late.shape[0] * count / tau
-        if steps >= need:
-            ends = np.quantile(late, [0.05, 0.95], axis=(0, 1))
-            tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
-            if ess.min() >= wanted and tail.min() >= TAIL * wanted:
-                # thinning by tau / 2 costs few effective draws and saves most of the file
-                thin = max(int(slowest / 2), 1)
-                kept = late[::thin].transpose(1, 0, 2)
-                return Posterior(
-                    names=density.problem.names,
-                    theta=kept,
-                    levels_N=levels(density, kept, stream("levels")),
-                    log_prob=sampler.get_log_prob()[burn::thin].T,
-                    sampler="emcee",
-                    tau=tau,
-                    ess=ess,
-                    ess_tail=tail,
-                    acceptance=float(np.mean(sampler.acceptance_fraction)),
-                    steps=steps,
+    worst, where = 0.0, ""
+    steps = theta.transpose(1, 0, 2)
+    for probability in PROBABILITIES:
+        values = np.quantile(theta, probability, axis=(0, 1))
+        size = effective_draws((steps <= values).astype(float))
+        for i, name in enumerate(names):
+            error = math.sqrt(probability * (1 - probability) / size[i]) + lattice.error / APART
+            share = lattice.below(i, float(values[i]))
+            if abs(share - probability) > worst * error:
+                worst = abs(share - probability) / error
+                where = (
+                    f"{100 * probability:.0f} % of {name} lie below {values[i]:.5g} by emcee,"
+                    f" {100 * share:.1f} % by the grid"
                 )
-            short = max(wanted / ess.min(), TAIL * wanted / max(float(tail.min()), 1.0))
-            need = math.ceil(steps * max(1.2, 1.1 * short))
-        if steps >= settings.steps:
-            raise NotConverged(
-                f"posterior of {density.problem.model.name}",
-                f"{steps} steps of {count} walkers, tau = {slowest:.3g}, effective draws"
-                f" {ess.min():.0f} of {wanted}",
-                f"run at least {need}: `steps = {need}` in [fit] (now {settings.steps})",
-            )
+    unfit = f"too coarse for this shape: half the resolution moves shares by {lattice.error:.3f}"
+    return SamplerCheck(
+        by="grid", apart=worst, where=where, unfit="" if lattice.resolved else unfit
+    )
+
+
+def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """L_inf in N for draws (c, n, p): (c, n, k).
+
+    Its logarithm given theta has Student's t distribution, since the noise scale is uncertain.
+    """
+    flat = theta.reshape(theta.shape[0] * theta.shape[1], theta.shape[2])
+    root = density.problem.data.shown(np.linalg.cholesky(density.problem.level_covariance))
+    scale = np.ones(len(flat))
+    if math.isfinite(density.dof):
+        departure = np.maximum(density.stations.chi2(flat) - density.least, 0.0)
+        scale = np.sqrt(
+            (density.dof + departure) / rng.chisquare(density.dof + theta.shape[-1], len(flat))
+        )
+    noise = rng.standard_normal((len(flat), root.shape[1])) @ root.T
+    levels_N = np.exp(density.stations.log_levels(flat) + scale[:, None] * noise)
+    return levels_N.reshape(*theta.shape[:-1], -1)

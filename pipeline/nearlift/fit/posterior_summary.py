@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.campaign.choices import FitOptions
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.fit.posterior import Posterior, Settings
+from nearlift.fit.posterior import Posterior
 from nearlift.fit.prior import TruncatedPrior
 from nearlift.results.estimate import Estimate
 from nearlift.results.fit import ModelFit
@@ -44,7 +45,7 @@ NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 def add_posterior(
     fitted: LeastSquaresFit,
     entry: ModelFit,
-    settings: Settings,
+    options: FitOptions,
     seed: int,
     data_sha256: str,
     *,
@@ -68,10 +69,11 @@ def add_posterior(
     try:
         drawn = posterior.sample(
             density,
-            settings,
             seed,
             data.boundary,
             name,
+            ess=options.ess,
+            steps=options.steps,
             chain=base,
             progress=lambda steps: say(f"{what}, {steps} steps", 0.5),
         )
@@ -84,31 +86,28 @@ def add_posterior(
     levels = {float(t): drawn.levels_N[:, :, i] for i, t in enumerate(data.levels)}
     if base:
         columns |= {level_name(t): draws for t, draws in levels.items()}
+    parameters = {n: _parameter(density, drawn, fitted, i) for i, n in enumerate(drawn.names)}
     summary = PosteriorSummary(
         model=name,
         data_sha256=data_sha256,
         sampler=drawn.sampler,
         chains=drawn.log_prob.shape[0],
         draws=drawn.log_prob.shape[1],
-        ess=drawn.ess.min() if len(drawn.ess) else None,
-        tau=drawn.tau.max() if len(drawn.tau) else None,
+        ess=min(drawn.ess, default=None),
+        tau=max(drawn.tau, default=None),
         acceptance=drawn.acceptance,
         steps=drawn.steps,
         noise_dof=density.dof,
         checks=drawn.checks,
-        parameters={n: _parameter(density, drawn, fitted, i) for i, n in enumerate(drawn.names)},
+        parameters=parameters,
         L_inf_N={t: _level(draws) for t, draws in levels.items()},
     )
     evidence = Estimate(value=drawn.log_evidence, u=drawn.u_log_evidence)
-    notes = [
-        f"{data.boundary}: {p.unlike_fit}"
-        for p in summary.parameters.values()
-        if base and p.unlike_fit
-    ]
+    unlike = [p.unlike_fit for p in parameters.values() if base and p.unlike_fit]
     return (
         replace(entry, log_evidence=evidence, posterior=summary),
         [draw_rows(data.boundary, name, n, x, drawn.log_prob) for n, x in columns.items()],
-        notes,
+        [f"{data.boundary}: {reason}" for reason in unlike],
     )
 
 
@@ -142,23 +141,20 @@ def _parameter(
     mean, sd = drawn.exact.moments(i) if drawn.exact else (draws.mean(), draws.std())
     low, median, high = drawn.quantiles(i, QUANTILES)
     # without degrees of freedom the draws know only what trials of one visit do not share
-    ends = (low, high) if fitted.effective[i] else (-math.inf, math.inf)
-    before = prior.quantile([0.05, 0.95])
+    known = bool(fitted.effective[i])
+    before = prior.quantile([0.05, 0.95]).tolist()
     return PosteriorParameter(
         value=mean,
         u=sd,
         median=median,
-        lo90=ends[0],
-        hi90=ends[1],
+        lo90=low if known else -math.inf,
+        hi90=high if known else math.inf,
         unit=parameter.unit,
         ess=drawn.ess[i],
         ess_tail=drawn.ess_tail[i],
         tau=drawn.tau[i],
         prior=DeclaredPrior(
-            text=str(parameter.prior),
-            lo90=float(before[0]),
-            hi90=float(before[1]),
-            bounds=parameter.bounds,
+            text=str(parameter.prior), lo90=before[0], hi90=before[1], bounds=parameter.bounds
         ),
         width_ratio=ratio,
         words="; ".join(filter(None, (words, unlike))),
@@ -166,12 +162,15 @@ def _parameter(
     )
 
 
+def _width90(draws: FloatArray) -> float:
+    return float(np.ptp(np.quantile(draws, [0.05, 0.95])))
+
+
 def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float, str]:
     """Ratio of 90 % widths, draws (n,) over prior, with remarks where prior or bounds matter."""
     parameter, name = prior.parameter, prior.parameter.name
     low, high = parameter.bounds
-    ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95])) / prior.width90)
-    edge, words = EDGE * (high - low), []
+    ratio, edge, words = _width90(draws) / prior.width90, EDGE * (high - low), []
     if ratio > SAME:
         words.append(
             f"the data say nothing about {name}: its interval is the prior's"
@@ -182,11 +181,8 @@ def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float,
             f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width"
             f" ({parameter.prior})"
         )
-    for share, bound in (
-        (float(np.mean(draws < low + edge)), low),
-        (float(np.mean(draws > high - edge)), high),
-    ):
-        if share > CROWD:
+    for near, bound in ((draws < low + edge, low), (draws > high - edge, high)):
+        if (share := float(near.mean())) > CROWD:
             words.append(
                 f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}"
             )
@@ -198,20 +194,16 @@ def compare_with_fit(prior: TruncatedPrior, draws: FloatArray, lo90: float, hi90
     `hi90`; empty where it is not, or where least squares has no interval.
     """
     wide = hi90 - lo90
-    if not (np.isfinite(wide) and wide > 0):
-        return ""
-    ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95])) / wide)
+    ratio = _width90(draws) / wide if 0 < wide < math.inf else 1.0
     if NARROW <= ratio <= WIDE:
         return ""
     low, high = prior.parameter.bounds
-    edge = EDGE * (high - low)
-    reasons = [
-        f"the bound {b:g} cuts it off"
-        for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge))
-        if out and ratio < NARROW
-    ]
-    if ratio < NARROW and prior.width90 < CLOSE * wide:
-        reasons.append("the prior narrows it")
+    edge, reasons = EDGE * (high - low), []
+    if ratio < NARROW:
+        cut = ((low, lo90 < low + edge), (high, hi90 > high - edge))
+        reasons = [f"the bound {bound:g} cuts it off" for bound, beyond in cut if beyond]
+        if prior.width90 < CLOSE * wide:
+            reasons.append("the prior narrows it")
     return (
         f"the 90 % interval of {prior.parameter.name} is {ratio:.2g} times the width by least"
         f" squares, probably because {' and '.join(reasons or ['the model is not linear there'])};"

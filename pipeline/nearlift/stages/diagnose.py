@@ -69,7 +69,7 @@ def run(job: Job) -> Outcome:
 
     from nearlift.fit.base_result import base_result, shape_doubts
     from nearlift.fit.least_squares import fit
-    from nearlift.fit.posterior import Settings, sample
+    from nearlift.fit.posterior import sample
     from nearlift.fit.posterior_summary import draw_rows
     from nearlift.likelihood import budget
     from nearlift.loop.diagnose import diagnose
@@ -92,7 +92,7 @@ def run(job: Job) -> Outcome:
     blocks: dict[Boundary, BoundaryDiagnosis | NotDiagnosed] = {}
     quoted: dict[Boundary, BoundaryResult] = {}
     residuals, draws, notes = list[tables.Table](), list[tables.Table](), list[str]()
-    settings = Settings(ess=job.campaign.fit.ess, steps=job.campaign.fit.steps)
+    options = job.campaign.fit
     present = boundaries(trials)
     # of a campaign that had grids once, their downwash is left
     measured = job.campaign.piv is not None and (job.processed / DOWNWASH.file).is_file()
@@ -127,7 +127,15 @@ def run(job: Job) -> Outcome:
         column = {"boundary": np.full(size, boundary, dtype=object)}
         residuals.append(column | diagnosis.residuals)
         if density := diagnosis.density:
-            drawn = sample(density, settings, job.seed, boundary, base.name, "quoted")
+            drawn = sample(
+                density,
+                job.seed,
+                boundary,
+                base.name,
+                "quoted",
+                ess=options.ess,
+                steps=options.steps,
+            )
             quoted[boundary] = with_posterior(quoted[boundary], drawn)
             draws += [
                 draw_rows(boundary, base.name, n, drawn.theta[:, :, k], drawn.log_prob)
