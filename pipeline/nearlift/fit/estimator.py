@@ -220,9 +220,8 @@ class Estimator:
     def _exponents(self) -> Iterator[tuple[str, float, float]]:
         """Condition, value and u of the first coefficient at a free exponent and 2/3."""
         problem = self.problem
-        (n, _), (value, u) = held_quantity.free_exponent(problem, self.theta)
-        if np.isfinite(n):
-            yield "free exponent of the lift ratio", value, u
+        if free := held_quantity.free_exponent(problem, self.theta):
+            yield "free exponent of the lift ratio", *free[2:]
         for _, value, u in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
             yield "constant power instead of constant throttle (exponent 2/3)", value, u
 

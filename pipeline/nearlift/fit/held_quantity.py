@@ -12,7 +12,7 @@ exponent s therefore converts that of theory at constant q into that at constant
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from nearlift.fit import solver
 from nearlift.fit.information import parameter_covariance
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Likelihood
-from nearlift.results import Estimate, IntArray, Observations
+from nearlift.results import Estimate, Observations
 from nearlift.results.assumptions import ExponentFit, HeldQuantity, LoggedResponse
 from nearlift.rounding import chance, plus_minus
 
@@ -38,6 +38,9 @@ PLAUSIBLE = {
 }
 #: Bounds of a free exponent: the plausible ones with room to either side.
 EXPONENT_BOUNDS = (0.1, 3.0)
+#: Distance from a bound, relative to a parameter's scale, at which it is at the bound. Ours: far
+#: below any uncertainty.
+AT_BOUND = 1e-4
 #: Significance level of the test that a logged quantity was held: one false alarm in a hundred
 #: campaigns, since it changes the exponent.
 NOT_HELD = 0.01
@@ -46,9 +49,6 @@ NOT_HELD = 0.01
 LEAST_LEFT = 0.1
 #: Fewest visits in one session for a response: six are left after a level and a slope.
 ENOUGH = 8
-#: A value and its standard uncertainty.
-Number = tuple[float, float]
-UNKNOWN: Number = (np.nan, np.nan)
 NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
 
 
@@ -72,7 +72,7 @@ def examine(
     `reach90` is half of its 90 % interval in standard uncertainties, `declared` the held quantity
     that the manifest states.
     """
-    (n, u_n), _ = free_exponent(problem, theta)
+    free = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
     answers = {q: response(problem.data, log_ratio, q) for q in logged(problem.data)}
     responses = tuple(r for r in answers.values() if r is not None)
@@ -90,7 +90,7 @@ def examine(
         declared=declared,
         coefficient=problem.names[0],
         plausible=at(list(PLAUSIBLE)),
-        exponent_from_lift=Estimate.around(n, u_n, reach90) if np.isfinite(n) else None,
+        exponent_from_lift=Estimate.around(*free[:2], reach90) if free else None,
         logged=tuple(r.logged for r in responses),
         supported_exponents=supported,
         supported=at(supported) if supported else (),
@@ -139,17 +139,37 @@ def _text(held: HeldQuantity, unanswered: Sequence[str]) -> str:
     return " ".join(parts)
 
 
-def _raised(problem: Likelihood, free: bool) -> solver.System:
-    """System of the ratio to a power, the last parameter; held if not `free`."""
+def _raised(
+    problem: Likelihood, theta: FloatArray, exponents: Sequence[float], free: bool
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Coefficients and exponent (p + 1,) of each fit that converges from `theta` (p,) and one of
+    the exponents, and their standard uncertainties; the exponent is held if not `free`.
+    """
 
-    def derivatives(x: FloatArray, _: IntArray) -> FloatArray:
+    def slopes(x: FloatArray) -> FloatArray:
         ratio, n = problem.log_ratio(x[:, :-1]), x[:, -1:, None]
-        slopes = n * problem.slopes(x[:, :-1])
-        return -problem.project(np.concatenate([slopes, free * ratio[:, None]], axis=1))
+        return np.concatenate([n * problem.slopes(x[:, :-1]), free * ratio[:, None]], axis=1)
 
-    return solver.System(
-        lambda x, _: problem.left(x[:, -1:] * problem.log_ratio(x[:, :-1])), derivatives
+    system = solver.System(
+        lambda x, _: problem.left(x[:, -1:] * problem.log_ratio(x[:, :-1])),
+        lambda x, _: -problem.project(slopes(x)),
     )
+    ends = zip(problem.model.bounds, EXPONENT_BOUNDS, strict=True)
+    low, high = (np.r_[end, n] for end, n in ends)
+    scale = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
+    start = np.column_stack([np.tile(theta, (len(exponents), 1)), exponents])
+    if free:
+        start = np.clip(start, low + 1e-6 * scale, high - 1e-6 * scale)
+    minima = solver.minimise(system, start, (low, high), scale)
+    best = solver.refine(system, minima.theta, (low, high))
+    for x in best[minima.converged]:
+        jacobian = slopes(x[None])[0][: len(x) - (not free)]
+        covariance, determined = parameter_covariance(
+            problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
+        )
+        u = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
+        inside = (x - low > AT_BOUND * scale) & (high - x > AT_BOUND * scale)
+        yield x, np.where(inside[: len(u)], u, np.inf) if free else u
 
 
 def at_exponents(
@@ -158,50 +178,21 @@ def at_exponents(
     """Exponent, refitted first coefficient and its standard uncertainty, at each exponent at which
     that converges.
     """
-    start = np.column_stack([np.tile(theta, (len(exponents), 1)), exponents])
-    bounds = _bounds(problem)
-    u = np.sqrt(np.diag(parameter_covariance(problem.project(problem.slopes(theta)))[0]))
-    system = _raised(problem, free=False)
-    minima = solver.minimise(system, start, bounds, np.r_[np.where(u > 0, u, 1.0), 1.0])
-    best = solver.refine(system, minima.theta, bounds)
-    answers = []
-    for x in best[minima.converged]:
-        jacobian = x[-1] * problem.slopes(x[:-1])
-        covariance, determined = parameter_covariance(
-            problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
-        )
-        u_value = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
-        answers.append((float(x[-1]), float(x[0]), u_value))
-    return answers
+    fits = _raised(problem, theta, exponents, free=False)
+    return [(float(x[-1]), float(x[0]), float(u[0])) for x, u in fits]
 
 
-def _bounds(problem: Likelihood) -> tuple[FloatArray, FloatArray]:
-    low, high = (
-        np.r_[end, n] for end, n in zip(problem.model.bounds, EXPONENT_BOUNDS, strict=True)
-    )
-    return low, high
-
-
-def free_exponent(problem: Likelihood, theta: FloatArray) -> tuple[Number, Number]:
+def free_exponent(
+    problem: Likelihood, theta: FloatArray
+) -> tuple[float, float, float, float] | None:
     """Best-fitting exponent and the first coefficient with it free, each with its standard
-    uncertainty; nan at a bound or where theta can replace the exponent.
+    uncertainty; None at a bound or where theta can replace the exponent.
     """
-    low, high = _bounds(problem)
-    scale = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
-    start = np.clip(np.r_[theta, 1.0], low + 1e-6 * scale, high - 1e-6 * scale)
-    system = _raised(problem, free=True)
-    minimum = solver.minimise(system, start[None], (low, high), scale).theta
-    best = solver.refine(system, minimum, (low, high))
-    slopes = system.derivatives(best, np.zeros(1, dtype=np.int64))[0] * scale[:, None]
-    information = slopes @ slopes.T
-    at_bound = np.any(best - low < 1e-4 * scale) or np.any(high - best < 1e-4 * scale)
-    if at_bound or np.linalg.cond(information) > 1e12:
-        return UNKNOWN, UNKNOWN
-    u = np.sqrt(np.diag(np.linalg.inv(information))) * scale
-    # along so flat a valley the search's last place is no estimate
-    if u[-1] > np.ptp(EXPONENT_BOUNDS):
-        return UNKNOWN, UNKNOWN
-    return (float(best[0, -1]), float(u[-1])), (float(best[0, 0]), float(u[0]))
+    for x, u in _raised(problem, theta, [1.0], free=True):
+        # along so flat a valley the search's last place is no estimate
+        if np.isfinite(u).all() and u[-1] <= np.ptp(EXPONENT_BOUNDS):
+            return float(x[-1]), float(u[-1]), float(x[0]), float(u[0])
+    return None
 
 
 def logged(data: Observations) -> dict[str, FloatArray]:

@@ -5,17 +5,17 @@ J)^-1 J' P``. P is the inverse covariance with L_inf projected out. The covarian
 sources, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``. No source is left out or
 counted twice, and the shares add to one for the estimator that was used.
 
-Coefficients, log L_inf and the stated errors are also unknowns estimated together (`Joint`). The
-inverse of their information is their covariance. An independent measurement of a quantity adds to
-its diagonal element. N repeats of the whole campaign multiply the trials' information and leave the
-stated part as it is.
+Coefficients, log L_inf and the stated errors are also unknowns estimated together
+(`JointInformation`). The inverse of their information is their covariance. An independent
+measurement of a quantity adds to its diagonal element. N repeats of the whole campaign multiply the
+trials' information and leave the stated part as it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,8 +97,7 @@ def gain(problem: Likelihood, theta: FloatArray) -> FloatArray:
     log lift, L_inf free.
     """
     white = problem.project(problem.jacobian(theta).T)
-    covariance, _ = parameter_covariance(white)
-    return np.asarray(covariance @ problem.covariance.unwhiten(white), dtype=np.float64)
+    return parameter_covariance(white)[0] @ problem.covariance.unwhiten(white)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,16 +174,80 @@ def lines(
         Further sources, as columns of the covariance's shared unknowns.
     """
     whole, data = problem.covariance, problem.data
-    listed, first = _repeats(problem, g, scatter, slope), 0
-    assumed = whole.variance - trial_variance(data, scatter)
+
+    def independent(variance: FloatArray) -> Line:
+        rest = replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
+        return Line(covariance=(g * variance) @ g.T, without=rest)
+
+    def shared(which: slice) -> Line:
+        moved = g @ whole.shared[:, which]
+        return Line(
+            covariance=moved @ moved.T,
+            without=replace(whole, shared=np.delete(whole.shared, which, axis=1)),
+            moved=moved[:, 0] if moved.shape[1] == 1 else None,
+        )
+
+    def of_visits(sensitivity: FloatArray, size: float) -> FloatArray:
+        moved = size * group_sums(sensitivity, np.unique(data.visit, return_inverse=True)[1])
+        return moved @ moved.T
+
+    def of_scatter(name: str, line: Line, sizes: Mapping[str, FloatArray] | None = None) -> Line:
+        variances = {k: np.diag(c) for k, c in (sizes or {name: line.covariance}).items()}
+        variance, spread = _scatter_variance(scatter, variances, len(g))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
+        return replace(line, component=NAMES[name], dof=dof, sizes=variances)
+
+    record2 = (data.u_lift_N / data.lift_N) ** 2
+    contribution = g**2 * record2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
+        record_dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
+    age = ages(data)
+    drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
+    relative = independent(np.full(data.n, scatter.relative**2))
+    force = independent((scatter.force_N / data.lift_N) ** 2)
+    height = Line(
+        standard=scatter.height_m,
+        unit="m",
+        scope="visit",
+        covariance=of_visits(g * slope, scatter.height_m),
+        without=replace(whole, per_visit=np.zeros(data.n)),
+    )
+    common = Line(
+        standard=scatter.common,
+        scope="visit",
+        covariance=of_visits(g, scatter.common),
+        without=replace(whole, common=0.0),
+    )
+    drift = Line(
+        standard=scatter.drift_rms,
+        scope="campaign",
+        covariance=sum(drifts.values(), np.zeros((len(g), len(g)))),
+        without=replace(whole, drift=0 * whole.drift),
+    )
+    listed = [
+        replace(
+            independent(record2),
+            component=RECORD_NOISE,
+            standard=float(np.sqrt(np.mean(record2))),
+            dof=record_dof,
+        ),
+        of_scatter("relative", replace(relative, standard=scatter.relative)),
+        of_scatter("force_N", replace(force, standard=scatter.force_N, unit="N")),
+        of_scatter("height_m", height),
+        of_scatter("common", common),
+        of_scatter("drift", drift, drifts),
+    ]
+    first, assumed = 0, whole.variance - trial_variance(data, scatter)
     for part in parts:
         variance = independent_variance(data, part, slope)
         assumed = assumed - variance
         if part.scope in GROUPED:
             which = slice(first, first + int(groups(data, part.scope).max()) + 1)
-            first, line = which.stop, _shared(whole, g, which)
+            first, line = which.stop, shared(which)
         else:
-            line = _independent(whole, g, variance)
+            line = independent(variance)
         listed.append(
             replace(
                 line,
@@ -198,10 +261,10 @@ def lines(
         )
     # the variance floor, where nothing scatters at all
     if np.any(assumed > 1e-3 * whole.variance):
-        floor = _independent(whole, g, np.maximum(assumed, 0.0))
+        floor = independent(np.maximum(assumed, 0.0))
         listed.append(replace(floor, component="least scatter assumed"))
     for name, which in (further or {}).items():
-        line = _shared(whole, g, which)
+        line = shared(which)
         listed.append(replace(repeated(name, line.covariance), kind="B", without=line.without))
     return tuple(line for line in listed if line.standard > 0)
 
@@ -211,64 +274,6 @@ def repeated(name: str, covariance: FloatArray) -> Line:
     comes from repeats as a whole.
     """
     return Line(component=name, unit="", scope="", distribution="", covariance=covariance)
-
-
-def _independent(whole: Covariance, g: FloatArray, variance: FloatArray) -> Line:
-    """Line of a variance (n,) of each trial alone."""
-    rest = replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
-    return Line(covariance=(g * variance) @ g.T, without=rest)
-
-
-def _shared(whole: Covariance, g: FloatArray, which: slice) -> Line:
-    """Line of some of the shared unknowns."""
-    moved = g @ whole.shared[:, which]
-    return Line(
-        covariance=moved @ moved.T,
-        without=replace(whole, shared=np.delete(whole.shared, which, axis=1)),
-        moved=moved[:, 0] if moved.shape[1] == 1 else None,
-    )
-
-
-def _repeats(problem: Likelihood, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
-    """Lines of the noise within records and of the scatter of trials and visits."""
-    data, whole = problem.data, problem.covariance
-    record2 = (data.u_lift_N / data.lift_N) ** 2
-    contribution = g**2 * record2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
-        dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
-    rms = float(np.sqrt(np.mean(record2)))
-    record = replace(_independent(whole, g, record2), component=RECORD_NOISE, standard=rms, dof=dof)
-    visit, age = np.unique(data.visit, return_inverse=True)[1], ages(data)
-
-    def of_visits(sensitivity: FloatArray, size: float) -> FloatArray:
-        moved = size * group_sums(sensitivity, visit)
-        return moved @ moved.T
-
-    relative = _independent(whole, g, np.full(data.n, scatter.relative**2))
-    force = _independent(whole, g, (scatter.force_N / data.lift_N) ** 2)
-    height, common = of_visits(g * slope, scatter.height_m), of_visits(g, scatter.common)
-    drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
-    drift = sum(drifts.values(), np.zeros((len(g), len(g))))
-    level = replace(whole, per_visit=np.zeros(data.n))
-    listed = [
-        replace(relative, component="relative", standard=scatter.relative),
-        replace(force, component="force_N", standard=scatter.force_N, unit="N"),
-        Line("height_m", scatter.height_m, "m", "visit", covariance=height, without=level),
-        Line("common", scatter.common, "1", "visit", covariance=common,
-            without=replace(whole, common=0.0)),
-        Line("drift", scatter.drift_rms, "1", "campaign", covariance=drift,
-            without=replace(whole, drift=0 * whole.drift)),
-    ]  # fmt: skip
-    for i, line in enumerate(listed):
-        name = line.component
-        parts = drifts if name == "drift" else {name: line.covariance}
-        sizes = {part: np.diag(c) for part, c in parts.items()}
-        variance, spread = _scatter_variance(scatter, sizes, len(g))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
-        listed[i] = replace(line, component=NAMES[name], dof=dof, sizes=sizes)
-    return [record, *listed]
 
 
 def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
@@ -282,7 +287,7 @@ def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
 
 
 def _scatter_variance(
-    scatter: Noise, sizes: dict[str, FloatArray], p: int
+    scatter: Noise, sizes: Mapping[str, FloatArray], p: int
 ) -> tuple[FloatArray, FloatArray]:
     """Variance due to some components of the scatter, and that of its estimate; (p,) each."""
     index = [i for i, name in enumerate(scatter.sizes) if name in sizes]
@@ -343,50 +348,23 @@ def effective_dof(budget_lines: Sequence[Line], scatter: Noise, p: int) -> Float
         return np.where(spread > 0, np.maximum(2 * variance**2 / spread, LEAST_DOF), np.inf)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
+class Quantity(NamedTuple):
     """Some of the joint unknowns: their `members`, and the factor to the `unit` shown."""
 
     name: str
     members: slice
-    scale: float = 1.0
-    unit: str = "1"
+    scale: float
+    unit: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Joint:
+class JointInformation(NamedTuple):
     """Information (q, q) of the trials on coefficients, levels and stated errors, and the diagonal
     (q,) that the statements add.
     """
 
     trials: FloatArray
     stated: FloatArray
-    quantities: tuple[Quantity, ...]
-
-    @classmethod
-    def from_fit(cls, fit: LeastSquaresFit, which: Sequence[int]) -> Joint:
-        """Information on the coefficients `which`, the levels, and all errors that trials share."""
-        problem, data, first = fit.problem, fit.problem.data, len(which)
-        quantities = [
-            Quantity(name=fit.names[i], members=slice(k, k + 1), unit=fit.model.parameters[i].unit)
-            for k, i in enumerate(which)
-        ]
-        blocks = [problem.jacobian(fit.theta)[:, list(which)], data.level_design]
-        levels = slice(first, first + data.unknown_levels)
-        quantities.append(Quantity(name="L_inf", members=levels, scale=100.0, unit="%"))
-        free = first = levels.stop
-        for part in fit.parts:
-            blocks.append(columns := budget.columns(data, part, fit.slope))
-            members = slice(first, first + columns.shape[1])
-            first = members.stop
-            if columns.shape[1] and part.standard:
-                _, scale, unit = UNITS[part.on]
-                scale *= part.standard
-                quantities.append(Quantity(name=part.name, members=members, scale=scale, unit=unit))
-        alone = replace(problem.covariance, shared=np.zeros((data.n, 0)))
-        white = alone.whiten(np.hstack(blocks).T)
-        stated = np.r_[np.zeros(free), np.ones(len(white) - free)]
-        return cls(trials=white @ white.T, stated=stated, quantities=tuple(quantities))
+    quantities: list[Quantity]
 
     def covariance(self, times: float = 1.0) -> FloatArray:
         """Covariance (q, q) from `times` as many trials."""
@@ -395,6 +373,29 @@ class Joint:
         unit = np.outer(size, size)
         inverse: FloatArray = np.linalg.pinv(information / unit, rcond=1e-14, hermitian=True) / unit
         return inverse
+
+
+def joint_information(fit: LeastSquaresFit, which: Sequence[int]) -> JointInformation:
+    """Information on the coefficients `which`, the levels, and all errors that trials share."""
+    problem, data = fit.problem, fit.problem.data
+    quantities = [
+        Quantity(fit.names[i], slice(k, k + 1), 1.0, fit.model.parameters[i].unit)
+        for k, i in enumerate(which)
+    ]
+    blocks = [problem.jacobian(fit.theta)[:, list(which)], data.level_design]
+    free = first = len(which) + data.unknown_levels
+    quantities.append(Quantity("L_inf", slice(len(which), free), 100.0, "%"))
+    for part in fit.parts:
+        blocks.append(columns := budget.columns(data, part, fit.slope))
+        members = slice(first, first + columns.shape[1])
+        first = members.stop
+        if columns.shape[1] and part.standard:
+            _, scale, unit = UNITS[part.on]
+            quantities.append(Quantity(part.name, members, scale * part.standard, unit))
+    alone = replace(problem.covariance, shared=np.zeros((data.n, 0)))
+    white = alone.whiten(np.hstack(blocks).T)
+    stated = np.r_[np.zeros(free), np.ones(first - free)]
+    return JointInformation(white @ white.T, stated, quantities)
 
 
 def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
@@ -408,7 +409,7 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
     known = [i for i, e in enumerate(estimates) if np.isfinite(e.u) and e.u > 0 and not e.at_bound]
     if not known:
         return {}
-    joint = Joint.from_fit(fit, known)
+    joint = joint_information(fit, known)
     covariance, halving = joint.covariance(), {}
     for k, i in enumerate(known):
         scale = float(np.sqrt(fit.covariance[i, i] / covariance[k, k]))
@@ -420,7 +421,7 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
         worth = [r for r in remedies if r.u_best < (1 - WORTH) * r.u]
         halving[fit.names[i]] = Halving(
             knowledge=tuple(sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))),
-            repeats=_campaigns(fit.names[i], k, joint, scale),
+            repeats=_repeats(fit.names[i], k, joint, scale),
         )
     return halving
 
@@ -429,13 +430,14 @@ def _remedy(
     coefficient: str,
     i: int,
     coefficients: int,
-    joint: FloatArray,
+    covariance: FloatArray,
     quantity: Quantity,
     scale: float,
 ) -> Remedy:
     """How a measurement of one quantity would reduce the uncertainty of coefficient `i`."""
-    members, name, single = quantity.members, quantity.name, len(joint[quantity.members]) == 1
-    cross, within, whole = joint[i, members], joint[members, members], float(joint[i, i])
+    name, members, factor, unit = quantity
+    cross, within = covariance[i, members], covariance[members, members]
+    whole, single = float(covariance[i, i]), len(within) == 1
     value, vector = np.linalg.eigh(within)
     share = (vector.T @ cross) ** 2
 
@@ -445,32 +447,33 @@ def _remedy(
 
     best, needed = max(left(0.0), 0.0), float("nan")
     if best < whole / 4:
-        needed = float(np.sqrt(_crossing(left, whole / 4, -40.0, 40.0))) * quantity.scale
-    r = float(np.sqrt(max(1 - best / whole, 0.0)))
+        needed = float(np.sqrt(_crossing(left, whole / 4, -40.0, 40.0))) * factor
     u, u_best = float(scale * np.sqrt(whole)), float(scale * np.sqrt(best))
     who, what, verb = letter(coefficient), f"the {name} values", "correlates with"
+    r = float(np.sqrt(max(1 - best / whole, 0.0)))
+    correlation = f"multiple r = {r:.2f}"
     if single:
         r = float(cross[0] / np.sqrt(whole * within[0, 0]))
+        correlation = f"r = {signed(r, 2)}"
         what = letter(name) if members.start < coefficients else f"the {name}"
         verb = "is confounded with" if abs(r) > TRADES else verb
-    correlation = f"r = {signed(r, 2)}" if single else f"multiple r = {r:.2f}"
     words = f"With exact {name}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
     if np.isfinite(needed):
-        size = f"{plain(needed, 2)} {'' if quantity.unit == '1' else quantity.unit}".strip()
+        size = f"{plain(needed, 2)} {'' if unit == '1' else unit}".strip()
         words = f"Knowing {what} independently to {size} would halve u({who})"
     return Remedy(
         quantity=name,
         r=r,
-        known_to=float(np.sqrt(np.diag(within).mean())) * quantity.scale,
+        known_to=float(np.sqrt(np.diag(within).mean())) * factor,
         needed=needed,
         u=u,
         u_best=u_best,
-        unit=quantity.unit,
+        unit=unit,
         text=f"{who} {verb} {what} ({correlation}). {words}",
     )
 
 
-def _campaigns(coefficient: str, i: int, joint: Joint, scale: float) -> Repeats:
+def _repeats(coefficient: str, i: int, joint: JointInformation, scale: float) -> Repeats:
     """How often the campaign would have to be repeated to halve the uncertainty."""
 
     def variance(times: float) -> float:
@@ -478,14 +481,14 @@ def _campaigns(coefficient: str, i: int, joint: Joint, scale: float) -> Repeats:
 
     whole, limit = variance(1.0), variance(MOST_REPEATS)
     u, u_limit, who = scale * whole**0.5, scale * limit**0.5, letter(coefficient)
-    if limit >= whole / 4:
-        text = (
-            f"No number of repeats would halve u({who}): shared errors keep it at"
-            f" {plain(u_limit, 2)} or more, from {plain(u, 2)}"
-        )
-        return Repeats(times=float("inf"), u_limit=u_limit, text=text)
-    times = _crossing(variance, whole / 4, 0.0, float(np.log(MOST_REPEATS)))
-    text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
+    times = float("inf")
+    text = (
+        f"No number of repeats would halve u({who}): shared errors keep it at"
+        f" {plain(u_limit, 2)} or more, from {plain(u, 2)}"
+    )
+    if limit < whole / 4:
+        times = _crossing(variance, whole / 4, 0.0, float(np.log(MOST_REPEATS)))
+        text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
     return Repeats(times=times, u_limit=u_limit, text=text)
 
 
@@ -514,7 +517,7 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
     if not known:
         return tuple(pairs)
     p, k = len(known), data.unknown_levels
-    covariance = Joint.from_fit(fit, known).covariance()[: p + k, : p + k]
+    covariance = joint_information(fit, known).covariance()[: p + k, : p + k]
     shown = np.zeros((p + len(data.levels), p + k))
     shown[:p, :p], shown[p:, p:] = np.eye(p), data.shown(np.eye(k))
     correlation = _correlation(shown @ covariance @ shown.T)
@@ -527,42 +530,36 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
             if abs(r) > DEGENERATE:
                 text = f"{letter(name)} and {called} are confounded: r = {signed(r, 3)}"
                 pairs.append(Degeneracy(pair=(name, other), r=r, text=text))
-    pairs += _if_unknown(fit, known, "height offset", problem.height_slope(fit.theta) / 1000, "mm")
+    jacobian = problem.jacobian(fit.theta)[:, known].T
+    unknown = {"height offset": problem.height_slope(fit.theta) / 1000}
     if "n" not in names:
-        pairs += _if_unknown(fit, known, "exponent n", problem.log_ratio(fit.theta))
+        unknown["exponent n"] = problem.log_ratio(fit.theta)
+    for other, column in unknown.items():
+        white = problem.project(np.vstack([jacobian, column]))
+        if not white[-1] @ white[-1] > 0:
+            continue
+        information = white @ white.T
+        if np.linalg.cond(_correlation(information)) > 1e12:
+            text = f"{letter(names[0])} and the {other} are not distinguishable in these trials"
+            pairs.append(Degeneracy(pair=(names[0], other), r=1.0, text=text))
+            continue
+        covariance = np.linalg.inv(information).astype(np.float64)
+        correlation, u = _correlation(covariance), np.sqrt(np.diag(covariance)).tolist()
+        size = f"{plain(u[-1], 2)}{' mm' if other == 'height offset' else ''}"
+        for i, name in enumerate(names):
+            r, now, who = (
+                float(correlation[i, -1]),
+                fit.covariance[known[i], known[i]],
+                letter(name),
+            )
+            if abs(r) > DEGENERATE:
+                text = (
+                    f"{who} and an unknown {other} are confounded: r = {signed(r, 3)}. With a free"
+                    f" {other}, u({who}) would be {plain(u[i], 2)} instead of {plain(now, 2)}, and"
+                    f" u({other}) = {size}"
+                )
+                pairs.append(Degeneracy(pair=(name, other), r=r, text=text, u_if_free=u[i]))
     return tuple(pairs)
-
-
-def _if_unknown(
-    fit: LeastSquaresFit, known: list[int], other: str, column: FloatArray, unit: str = ""
-) -> Iterator[Degeneracy]:
-    """Coefficients that a further unknown with this effect on log lift (n,) would be confounded
-    with.
-    """
-    white = fit.problem.project(np.vstack([fit.problem.jacobian(fit.theta)[:, known].T, column]))
-    if not white[-1] @ white[-1] > 0:
-        return
-    first = fit.names[known[0]]
-    information = white @ white.T
-    if np.linalg.cond(_correlation(information)) > 1e12:
-        text = f"{letter(first)} and the {other} are not distinguishable in these trials"
-        yield Degeneracy(pair=(first, other), r=1.0, text=text)
-        return
-    covariance: FloatArray = np.linalg.inv(information).astype(np.float64)
-    correlation, u = _correlation(covariance), np.sqrt(np.diag(covariance))
-    known_to = f"{plain(float(u[-1]), 2)} {unit}".strip()
-    for k, i in enumerate(known):
-        name, r, now = fit.names[i], float(correlation[k, -1]), float(fit.covariance[i, i]) ** 0.5
-        if abs(r) > DEGENERATE:
-            who = letter(name)
-            text = (
-                f"{who} and an unknown {other} are confounded: r = {signed(r, 3)}. With a free"
-                f" {other}, u({who}) would be {plain(float(u[k]), 2)} instead of {plain(now, 2)},"
-                f" and u({other}) = {known_to}"
-            )
-            yield Degeneracy(
-                pair=(name, other), r=r, text=text, u_if_free=float(u[k]), known_to=known_to
-            )
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:

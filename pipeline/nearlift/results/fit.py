@@ -38,15 +38,14 @@ class ParameterCovariance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Degeneracy:
-    """Two confounded quantities. `u_if_free` is the coefficient's uncertainty if the second
-    were unknown, `known_to` what the trials would then say of the second, in words.
+    """Two confounded quantities; `u_if_free` is the coefficient's uncertainty if the second were
+    unknown.
     """
 
     pair: tuple[str, str]
     r: Real
     text: str
     u_if_free: float | None = None
-    known_to: str = ""
 
     def __str__(self) -> str:
         return self.text
