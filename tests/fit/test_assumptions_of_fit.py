@@ -280,8 +280,8 @@ def test_a_trend_with_speed_is_found_and_a_constant_is_kept():
     ]
     flat = [rotor.trend(np.log(np.full(4, 2.4)) + e, covariance, np.log(speed)) for e in noise]
     assert np.median([r.p_trend for r in rising]) < 1e-6
-    assert np.mean([r.exponent for r in rising]) == pytest.approx(
-        0.1, abs=4 * rising[0].u_exponent / 20
+    assert np.mean([r.exponent.value for r in rising]) == pytest.approx(
+        0.1, abs=4 * rising[0].exponent.u / 20
     )
     # 99.9 % band of 5 % of 400: a widened interval rejects less than it says, never more
     assert sum(f.p_trend < 0.05 for f in flat) <= binom.interval(0.999, 400, 0.05)[1]
@@ -292,7 +292,9 @@ def test_scatter_about_the_power_law_widens_its_interval():
     speed, covariance = np.log([180.0, 265.0, 342.0, 390.0]), np.diag([1e-3**2] * 4)
     found = rotor.trend(np.log([2.4, 2.6, 2.4, 2.6]), covariance, speed)
     assert found.excess > 20
-    assert found.dof == 2
+    assert found.exponent.hi90 - found.exponent.value == pytest.approx(
+        student_t.ppf(0.95, 2) * found.exponent.u
+    )
     assert found.p_trend > 0.05
 
 

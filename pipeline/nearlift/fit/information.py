@@ -547,11 +547,8 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
         correlation, u = _correlation(covariance), np.sqrt(np.diag(covariance)).tolist()
         size = f"{plain(u[-1], 2)}{' mm' if other == 'height offset' else ''}"
         for i, name in enumerate(names):
-            r, now, who = (
-                float(correlation[i, -1]),
-                fit.covariance[known[i], known[i]],
-                letter(name),
-            )
+            r, who = float(correlation[i, -1]), letter(name)
+            now = float(fit.covariance[known[i], known[i]]) ** 0.5
             if abs(r) > DEGENERATE:
                 text = (
                     f"{who} and an unknown {other} are confounded: r = {signed(r, 3)}. With a free"

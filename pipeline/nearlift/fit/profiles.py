@@ -30,8 +30,7 @@ NEAR, NEAR_POINTS = 1.5, 31
 #: threshold, at most so often. Ours: the 95 % threshold from three degrees of
 #: freedom; each widening doubles it.
 REACH, WIDENINGS = 4.0, 5
-#: Values closer than this, in standard uncertainties, count as one: between them a parabola
-#: would be rounding.
+#: Values closer than this, in standard uncertainties, count as one.
 SAME = 1e-6
 
 
@@ -70,31 +69,27 @@ def likelihood_profiles(fit: LeastSquaresFit) -> tuple[Profile, ...]:
 
 
 def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
-    low, high = fit.model.parameters[i].bounds
-    dof = float(fit.effective[i])
-    wanted = _threshold(95, dof)
+    (low, high), dof = fit.model.parameters[i].bounds, float(fit.effective[i])
     centre = float(np.clip(fit.theta[i], low, high))
-    ends = max(centre - REACH * sd[i], low), min(centre + REACH * sd[i], high)
-    near = np.clip(centre + NEAR * sd[i] * np.linspace(-1, 1, NEAR_POINTS), low, high)
-    value = _apart(np.r_[np.linspace(*ends, POINTS), near], sd[i])[0]
-    chi2 = _along(fit, i, value, sd)
-
-    def extended(more: FloatArray) -> tuple[FloatArray, FloatArray]:
-        whole, first = _apart(np.r_[value, more], sd[i])
-        return whole, np.r_[chi2, _along(fit, i, more, sd)][first]
-
-    for _ in range(WIDENINGS):
-        rise = chi2 - chi2.min()
-        further = []
-        if rise[0] < wanted and value[0] > low:
-            further.append(np.linspace(max(2 * value[0] - centre, low), value[0], POINTS // 2)[:-1])
-        if rise[-1] < wanted and value[-1] < high:
-            further.append(
-                np.linspace(value[-1], min(2 * value[-1] - centre, high), POINTS // 2)[1:]
-            )
-        if not further:
+    grids = [
+        np.linspace(max(centre - REACH * sd[i], low), min(centre + REACH * sd[i], high), POINTS),
+        np.clip(centre + NEAR * sd[i] * np.linspace(-1, 1, NEAR_POINTS), low, high),
+    ]
+    value, chi2 = np.empty(0), np.empty(0)
+    for _ in range(1 + WIDENINGS):
+        further = np.concatenate(grids)
+        value, chi2 = np.r_[value, further], np.r_[chi2, _along(fit, i, further, sd)]
+        order = np.argsort(value, kind="stable")
+        # a parabola between values that differ only by rounding would be noise
+        order = order[np.diff(value[order], prepend=-np.inf) > SAME * sd[i]]
+        value, chi2 = value[order], chi2[order]
+        short, grids = chi2 - chi2.min() < _threshold(95, dof), []
+        if short[0] and value[0] > low:
+            grids.append(np.linspace(max(2 * value[0] - centre, low), value[0], POINTS // 2)[:-1])
+        if short[-1] and value[-1] < high:
+            grids.append(np.linspace(value[-1], min(2 * value[-1] - centre, high), POINTS // 2)[1:])
+        if not grids:
             break
-        value, chi2 = extended(np.concatenate(further))
     value, chi2 = value[np.isfinite(chi2)], chi2[np.isfinite(chi2)]
     rise = chi2 - chi2.min()
     return Profile(
@@ -104,15 +99,6 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
         quadratic=((value - fit.theta[i]) / sd[i]) ** 2,
         ends=_intervals(value, rise, dof),
     )
-
-
-def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Distinct values in ascending order and their indices; values that differ only by rounding,
-    between which a parabola would be noise, count once.
-    """
-    order = np.argsort(value, kind="stable")
-    kept = order[np.diff(value[order], prepend=-np.inf) > SAME * sd]
-    return value[kept], kept
 
 
 def _threshold(level: int, dof: float) -> float:
@@ -150,16 +136,14 @@ def _intervals(value: FloatArray, rise: FloatArray, dof: float) -> ProfileInterv
 
 
 def _crossing(value: FloatArray, root: FloatArray, wanted: float) -> float:
-    """First crossing on the way out, by a monotone cubic through its neighbours."""
+    """First crossing on the way out, by a monotone cubic of its neighbours; nan without one."""
     from scipy.interpolate import PchipInterpolator
 
-    beyond = np.flatnonzero(root >= wanted)
-    if not len(beyond):
+    k = int(np.argmax(root >= wanted))
+    if not root[k] >= wanted:
         return float("nan")
-    k = int(beyond[0])
     if k == 0:
         return float(value[0])
-    part = slice(max(k - 3, 0), k + 3)
-    x, y = root[part], value[part]
+    x, y = root[max(k - 3, 0) : k + 3], value[max(k - 3, 0) : k + 3]
     rising = np.r_[True, np.diff(np.maximum.accumulate(x)) > 0]
     return float(PchipInterpolator(x[rising], y[rising])(wanted))

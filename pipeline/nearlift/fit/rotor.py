@@ -11,7 +11,7 @@ therefore that of the Reynolds number.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,29 +42,13 @@ NO_DENSITY = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trend:
-    """Constant and power-law fits to C_L.
-
-    Attributes
-    ----------
-    mean, u_mean : float
-        Of a constant C_L.
-    exponent, u_exponent : float
-        m of C_L ~ f^m; nan for one throttle.
-    dof : float
-        Of the exponent's interval; infinite where the uncertainties alone give it.
-    p_trend : float or None
-        p-value of m = 0.
-    excess : float
-        Birge ratio about the power law where above 1, when it has widened `u_exponent`; else 1.
+class Trend(NamedTuple):
+    """Constant C_L, its exponent m of C_L ~ f^m with the p-value of m = 0 (None for one throttle),
+    and the Birge ratio about the power law, at least 1, which has widened the exponent's interval.
     """
 
-    mean: float
-    u_mean: float
-    exponent: float = np.nan
-    u_exponent: float = np.nan
-    dof: float = np.inf
+    mean: Estimate
+    exponent: Estimate | None = None
     p_trend: float | None = None
     excess: float = 1.0
 
@@ -126,12 +110,8 @@ def examine(
             x: ThrottleLift.around(c, u_c, student.NORMAL_90, speed_Hz=f)
             for x, f, c, u_c in zip(data.levels[known], speed, C_L, u, strict=True)
         },
-        mean=Estimate.around(law.mean, law.u_mean, student.NORMAL_90),
-        exponent=(
-            None
-            if law.p_trend is None
-            else Estimate.around(law.exponent, law.u_exponent, student.quantile(0.95, law.dof))
-        ),
+        mean=law.mean,
+        exponent=law.exponent,
         p_trend=law.p_trend,
         text=_text(C_L, u, law),
     )
@@ -183,11 +163,12 @@ def _text(C_L: FloatArray, u: FloatArray, law: Trend) -> str:
     """C_L and its trend, with the paper's constant."""
     low, high = C_L.min(), C_L.max()
     text = f"C_L is {low:.3g} to {high:.3g}" if len(C_L) > 1 else f"C_L is {low:.3g} ± {u[0]:.1g}"
-    text += f" ({100 * (law.mean / PAPER - 1):+.0f} % from the paper's {PAPER:g})."
-    if law.p_trend is not None:
+    text += f" ({100 * (law.mean.value / PAPER - 1):+.0f} % from the paper's {PAPER:g})."
+    if law.exponent and law.p_trend is not None:
         text += (
             f" C_L scales as speed (Reynolds number) to the power"
-            f" {plus_minus(law.exponent, law.u_exponent)} ({chance(law.p_trend)} for a constant)."
+            f" {plus_minus(law.exponent.value, law.exponent.u)} ({chance(law.p_trend)} for a"
+            " constant)."
         )
     if law.excess > 1:
         text += (
@@ -204,23 +185,17 @@ def trend(log_C: FloatArray, covariance: FloatArray, log_f: FloatArray) -> Trend
     k = len(log_C)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     y, level = whiten @ log_C, whiten @ np.ones(k)
-    mean = float(np.exp(level @ y / (level @ level)))
-    constant = Trend(mean=mean, u_mean=mean / float(np.sqrt(level @ level)))
+    value = float(np.exp(level @ y / (level @ level)))
+    mean = Estimate.around(value, value / float(np.sqrt(level @ level)), student.NORMAL_90)
     if k < 2:
-        return constant
+        return Trend(mean)
     x = np.column_stack([level, whiten @ (log_f - log_f.mean())])
     inverse = np.linalg.inv(x.T @ x)
-    beta = inverse @ (x.T @ y)
+    slope = (inverse @ (x.T @ y))[1]
     # scatter about the power law beyond the uncertainties widens the interval, at the scatter's
     # degrees of freedom
-    birge = float(np.sqrt(np.sum((y - x @ beta) ** 2) / (k - 2))) if k > 2 else 1.0
+    birge = float(np.sqrt(np.sum((y - x @ inverse @ (x.T @ y)) ** 2) / (k - 2))) if k > 2 else 1.0
     excess, dof = (birge, float(k - 2)) if birge > 1 else (1.0, np.inf)
     u = float(np.sqrt(inverse[1, 1])) * excess
-    return replace(
-        constant,
-        exponent=float(beta[1]),
-        u_exponent=u,
-        dof=dof,
-        p_trend=float(2 * t.sf(abs(beta[1]) / u, dof)),
-        excess=excess,
-    )
+    exponent = Estimate.around(slope, u, student.quantile(0.95, dof))
+    return Trend(mean, exponent, float(2 * t.sf(abs(slope) / u, dof)), excess)
