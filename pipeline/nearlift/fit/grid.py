@@ -75,7 +75,8 @@ class PosteriorGrid:
         places = (np.arange(n) + rng.random()) / n
         picked = np.minimum(np.searchsorted(np.cumsum(self.mass), places), len(self.mass) - 1)
         offset = rng.random((n, len(self.steps))) - 0.5
-        return self.theta[rng.permutation(picked)] + offset @ self.steps
+        drawn: FloatArray = self.theta[rng.permutation(picked)] + offset @ self.steps
+        return drawn
 
 
 def grid(density: Density) -> PosteriorGrid:
@@ -101,7 +102,7 @@ def grid(density: Density) -> PosteriorGrid:
         for axis in range(p):
             along = log.max(axis=tuple(i for i in range(p) if i != axis))
             held = np.flatnonzero(along > log.max() - DEEP)
-            nodes = np.linspace(*before[axis], ROUGH_POINTS)
+            nodes = np.linspace(before[axis, 0], before[axis, 1], ROUGH_POINTS)
             step = nodes[1] - nodes[0]
             # widen a side that still holds mass, shrink one that does not
             low, high = nodes[held[0]] - step, nodes[held[-1]] + step

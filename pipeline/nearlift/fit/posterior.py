@@ -217,13 +217,13 @@ def run_chain(
                 # thinning by tau / 2 costs few effective draws and saves most of the file
                 thin = max(int(slowest / 2), 1)
                 kept = late[::thin].transpose(1, 0, 2)
-                checks = (compare(density.problem.names, kept, lattice),) if lattice else ()
-                if any(check.failed for check in checks):
+                check = compare(density.problem.names, kept, lattice) if lattice else None
+                if check and check.failed:
                     if least or 2 * steps > most:
                         raise NotConverged(
                             place,
-                            f"emcee and the grid disagree: {checks[0].where},"
-                            f" {checks[0].apart:.1f} Monte Carlo standard errors apart (at most"
+                            f"emcee and the grid disagree: {check.where},"
+                            f" {check.apart:.1f} Monte Carlo standard errors apart (at most"
                             f" {APART:g})",
                             f"a longer chain may agree: `steps = {4 * steps}` in [fit] (now"
                             f" {most}); there may be several peaks, or one at a bound",
@@ -241,7 +241,7 @@ def run_chain(
                     ess_tail=tail,
                     acceptance=float(np.mean(sampler.acceptance_fraction)),
                     steps=steps,
-                    checks=checks,
+                    checks=(check,) if check else (),
                 )
             short = max(ess / reached.min(), TAIL * ess / max(float(tail.min()), 1.0))
             need = math.ceil(steps * max(1.2, 1.1 * short))
@@ -279,7 +279,8 @@ def start(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
 
 def effective_draws(steps: FloatArray) -> FloatArray:
     """Effective sample size of each quantity of steps (t, w, q), (q,); all if one is constant."""
-    return steps.shape[0] * steps.shape[1] / autocorrelation_time(steps)
+    size: FloatArray = steps.shape[0] * steps.shape[1] / autocorrelation_time(steps)
+    return size
 
 
 def autocorrelation_time(steps: FloatArray) -> FloatArray:
@@ -326,7 +327,8 @@ def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> Flo
     Its logarithm given theta has Student's t distribution, since the noise scale is uncertain.
     """
     flat = theta.reshape(theta.shape[0] * theta.shape[1], theta.shape[2])
-    root = density.problem.data.shown(np.linalg.cholesky(density.problem.level_covariance))
+    triangle = np.linalg.cholesky(density.problem.level_covariance).astype(np.float64)
+    root = density.problem.data.shown(triangle)
     scale = np.ones(len(flat))
     if math.isfinite(density.dof):
         departure = np.maximum(density.stations.chi2(flat) - density.least, 0.0)

@@ -92,7 +92,7 @@ def run(job: Job) -> Outcome:
     blocks: dict[Boundary, BoundaryDiagnosis | NotDiagnosed] = {}
     quoted: dict[Boundary, BoundaryResult] = {}
     residuals, draws, notes = list[tables.Table](), list[tables.Table](), list[str]()
-    options = job.campaign.fit
+    sampling = job.campaign.fit
     present = boundaries(trials)
     # of a campaign that had grids once, their downwash is left
     measured = job.campaign.piv is not None and (job.processed / DOWNWASH.file).is_file()
@@ -133,8 +133,8 @@ def run(job: Job) -> Outcome:
                 boundary,
                 base.name,
                 "quoted",
-                ess=options.ess,
-                steps=options.steps,
+                ess=sampling.ess,
+                steps=sampling.steps,
             )
             quoted[boundary] = with_posterior(quoted[boundary], drawn)
             draws += [
