@@ -166,13 +166,15 @@ def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[Lif
     return base, tuple(m for m in rivals if m.name != base.name)
 
 
-def search_options(campaign: Campaign, seed: int) -> Options:
-    """Options of the search, of which a manifest may set some."""
-    asked = campaign.diagnose
+def search_options(campaign: Campaign, boundary: Boundary, seed: int) -> Options:
+    """Options of the search at a boundary, of which a manifest may set some."""
+    asked, touches = campaign.diagnose, boundary in campaign.vehicle.contact
+    contact_m = campaign.contact_m(boundary) if touches else 0.0
     return Options(
         seed=seed,
         false_alarm_rate=asked.false_alarm_rate,
         not_feasible=tuple(asked.not_feasible),
+        contact_z_hat=contact_m / campaign.vehicle.rotor_radius,
     )
 
 

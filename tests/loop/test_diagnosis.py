@@ -351,6 +351,11 @@ def test_what_the_bench_cannot_do_is_not_proposed():
         p.added.z_hat.max() <= data.z_hat.max()
         for p in separation.menu(answer.problem.data, ("farther",))
     )
+    # where the vehicle is known to touch, visits are proposed above that alone
+    for contact, nearest in ((0.5 * near, 0.75 * near), (0.8 * near, near)):
+        menu = separation.menu(answer.problem.data, contact_z_hat=contact)
+        assert min(p.added.z_hat.min() for p in menu) == pytest.approx(nearest)
+        assert not any("if nothing touches" in p.text for p in menu)
 
 
 def test_lift_levels_are_what_the_trials_were_given(null_stage):

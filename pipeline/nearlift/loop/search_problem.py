@@ -52,13 +52,14 @@ class Options:
     """How the search is run; `form_sd` and `multiplicity` exist to show what breaks without them.
 
     `not_feasible` is what the bench cannot do, and what is not proposed: "closer", "farther", "both
-    directions". Without `pairs`, as where trials are few, a single effect must do. `downwash` is
-    what PIV measured at the disk near this boundary.
+    directions"; nor is a visit at or below `contact_z_hat`. Without `pairs`, as where trials are
+    few, a single effect must do. `downwash` is what PIV measured at the disk near this boundary.
     """
 
     seed: int = 0
     false_alarm_rate: float = 0.05
     not_feasible: tuple[str, ...] = ()
+    contact_z_hat: float = 0.0
     form_sd: float = FORM_SD
     multiplicity: bool = True
     pairs: bool = True

@@ -40,18 +40,23 @@ class Proposal:
     weight: float = 1.0
 
 
-def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposal]:
+def menu(
+    data: Observations, not_feasible: tuple[str, ...] = (), contact_z_hat: float = 0.0
+) -> list[Proposal]:
     """Sessions of about equal cost: near, middle and far distances, closer than now, and approaches
     from both directions.
 
-    `not_feasible` names what the bench cannot do: "closer", "farther", "both directions".
+    `not_feasible` names what the bench cannot do: "closer", "farther", "both directions". The
+    vehicle touches the boundary at `contact_z_hat`, 0 where that is unknown.
     """
     finite = data.z_hat[np.isfinite(data.z_hat)]
     near, far = float(finite.min()), float(finite.max())
     places: dict[str, tuple[float, ...]] = {}
-    if "closer" not in not_feasible:
+    if "closer" not in not_feasible and 0.75 * near > contact_z_hat:
         closer = f"go closer than now, to z_hat = {0.75 * near:.2g}"
-        places[f"{closer}, if nothing touches there (else state not_feasible)"] = (0.75 * near,)
+        if not contact_z_hat:
+            closer += ", if nothing touches there (else state not_feasible)"
+        places[closer] = (0.75 * near,)
     places |= {
         f"more visits at the closest distance, z_hat = {near:.2g}": (near,),
         f"visits between z_hat = {near:.2g} and {1.6 * near:.2g}": (near, 1.3 * near, 1.6 * near),
@@ -172,7 +177,9 @@ def next_experiment(problem: SearchProblem, answer: Answer) -> tuple[NextSession
     for rival in compared[1:5]:
         now = parted(problem, problem.data, best.fitted.point, rival.fitted.point)
         ranked = []
-        for proposal in menu(problem.data, problem.options.not_feasible):
+        for proposal in menu(
+            problem.data, problem.options.not_feasible, problem.options.contact_z_hat
+        ):
             whole = join(problem.data, proposal.added)
             gain = parted(problem, whole, best.fitted.point, rival.fitted.point) - now
             ranked.append((gain / proposal.added.n, proposal))

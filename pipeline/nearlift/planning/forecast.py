@@ -62,7 +62,7 @@ def of_plan(
         choice(campaign, boundary)[0],
         budget.components(campaign),
         noise,
-        search_options(campaign, seed),
+        search_options(campaign, boundary, seed),
         theta,
     )
     return Forecast(design=design, effects=effects, untestable=untestable)
@@ -85,7 +85,7 @@ def of_trials(
         The trials are too few for a diagnosis; unless `few` are allowed, then also for a fit.
     """
     data, base = observe(trials, campaign, boundary), choice(campaign, boundary)[0]
-    parts, options = budget.components(campaign), search_options(campaign, seed)
+    parts, options = budget.components(campaign), search_options(campaign, boundary, seed)
     try:
         problem, effects, untestable = set_up(data, base, parts, options, first_order=True)
     except NotConverged as lack:

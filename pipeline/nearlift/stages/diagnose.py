@@ -88,7 +88,7 @@ def run(job: Job) -> Outcome:
     from nearlift.results.quotation import BoundaryResult, Results
 
     trials, fitted = job.read(TRIALS), job.load(FitResults)
-    parts, options = budget.components(job.campaign), search_options(job.campaign, job.seed)
+    parts = budget.components(job.campaign)
     blocks: dict[Boundary, BoundaryDiagnosis | NotDiagnosed] = {}
     quoted: dict[Boundary, BoundaryResult] = {}
     residuals, draws, notes = list[tables.Table](), list[tables.Table](), list[str]()
@@ -103,6 +103,7 @@ def run(job: Job) -> Outcome:
         data, (base, _) = observe(trials, job.campaign, boundary), choice(job.campaign, boundary)
         base_fit = fitted.boundaries[boundary][base.name]
         downwash = at_the_disk(cuts, boundary) if cuts and base.downwash else ()
+        options = search_options(job.campaign, boundary, job.seed)
         try:
             diagnosis = diagnose(
                 data,
