@@ -1,5 +1,4 @@
-"""Mean, variance and count of a stream of fields, its correlation in time, and how far the mean has
-converged.
+"""Mean, variance and count of a stream of fields, and its correlation in time.
 
 One pass: one field is in memory, never the set. Correlation in time is measured on a sample of
 nodes.
@@ -10,10 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import chain, pairwise
+from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
@@ -23,23 +21,16 @@ from nearlift.flow.field import VelocityField, same_grid
 SAMPLE, LAGS = 256, 32
 #: Least number of fields, and of lags, that show a correlation in time.
 FEWEST_FIELDS, FEWEST_LAGS = 8, 3
-#: Relative standard error that the paper states of its mean fields.
+#: Relative standard error that the paper states of its mean fields, of 150 pairs.
 WANTED = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanConvergence:
-    """Change of the mean as fields are added, at doubling numbers `n` of fields (k,).
-
-    The last number is all of them. `moved` (k,) is the change since half as many, nan for the
-    first.
-
-    Changes and the mean's standard error are root mean squares over the mean's own; a thousandth is
-    what the paper states of its 150 pairs.
+    """Standard error of the mean over the mean, both as root mean squares, and the number of fields
+    with which it is a thousandth.
     """
 
-    n: NDArray[np.int64]
-    moved: FloatArray
     relative_standard_error: float
     fields_for_a_thousandth: float
 
@@ -48,37 +39,38 @@ class MeanConvergence:
 class Average:
     """The mean of `n` fields, nan where no field has a vector.
 
-    `u_m_s` is the correlating software's own uncertainty of a mean vector, where it gave one.
-
-    `var_x` and `var_y` (ny, nx) are variances of one field's component in (m/s)^2, nan where fewer
-    than two fields have a vector. `count` (ny, nx) is the number of fields with a vector there.
-    `tau` is the number of fields per independent one, 1 if they are independent.
+    `variance` (2, ny, nx) is that of one field's vx and vy in (m/s)^2, nan where fewer than two
+    fields have a vector. `count` (ny, nx) is the number of fields with a vector there. `tau` is the
+    number of fields per independent one, 1 if they are independent. `mean.u_m_s` is the correlating
+    software's own uncertainty of a mean vector, where it gave one.
     """
 
     mean: VelocityField
-    var_x: FloatArray
-    var_y: FloatArray
+    variance: FloatArray
     count: FloatArray
     n: int
     tau: float
-    convergence: MeanConvergence
 
     @property
-    def u_x(self) -> FloatArray:
-        """Standard error of the mean vx, correlation in time included, (ny, nx)."""
-        return self._error(self.var_x)
-
-    @property
-    def u_y(self) -> FloatArray:
-        """Standard error of the mean vy, correlation in time included, (ny, nx)."""
-        return self._error(self.var_y)
-
-    def _error(self, variance: FloatArray) -> FloatArray:
+    def u_m_s(self) -> FloatArray:
+        """Standard errors of the mean vx and vy, correlation in time included, (2, ny, nx)."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            error = np.sqrt(variance * self.tau / self.count)
+            error = np.sqrt(self.variance * self.tau / self.count)
         if self.mean.u_m_s is not None:
             error = np.where(np.isfinite(error), error, self.mean.u_m_s)
         return np.where(self.mean.valid, error, np.nan)
+
+    @property
+    def convergence(self) -> MeanConvergence:
+        """Convergence of the mean."""
+        mean = np.stack([self.mean.vx_m_s, self.mean.vy_m_s])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            error2 = self.variance * self.tau / self.count
+        both = np.isfinite(error2) & np.isfinite(mean)
+        level = float(np.mean(mean[both] ** 2)) if both.any() else 0.0
+        error = math.sqrt(float(np.mean(error2[both])) / level) if level > 0 else math.nan
+        needed = math.ceil(self.n * (error / WANTED) ** 2) if math.isfinite(error) else math.nan
+        return MeanConvergence(relative_standard_error=error, fields_for_a_thousandth=needed)
 
 
 class Moments:
@@ -88,10 +80,7 @@ class Moments:
     """
 
     def __init__(self, columns: int) -> None:
-        self.count = np.zeros(columns)
-        self.origin = np.zeros(columns)
-        self.total = np.zeros(columns)
-        self.squares = np.zeros(columns)
+        self.count, self.origin, self.total, self.squares = np.zeros((4, columns))
 
     def add(self, row: FloatArray) -> None:
         """Add one observation (columns,)."""
@@ -177,59 +166,25 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
     moments, noise = Moments(2 * size), Moments(size)
     sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
     sampled: list[FloatArray] = []
-    means: dict[int, FloatArray] = {}
     for n, field in enumerate(chain([first], stream), 1):
         if not same_grid(first, field):
-            raise InputRefused(
-                where,
-                f"field {n} has another grid than the first",
-                "one case has one grid; list others as another case",
-            )
+            what = f"field {n} has another grid than the first"
+            raise InputRefused(where, what, "one case has one grid; list others as another case")
         # a vector that lacks one component is none
         vectors = np.where(field.valid, [field.vx_m_s, field.vy_m_s], np.nan).ravel()
         moments.add(vectors)
         sampled.append(vectors[sample])
         if field.u_m_s is not None:
             noise.add(np.where(field.valid, field.u_m_s, np.nan).ravel() ** 2)
-        if n > 1 and n.bit_count() == 1:
-            means[n] = moments.mean()
-    means[n] = moments.mean()
-    tau, (var_x, var_y) = correlation_time(np.stack(sampled)), moments.variance().reshape(2, *shape)
-    vx, vy = means[n].reshape(2, *shape)
+    vx, vy = moments.mean().reshape(2, *shape)
     u_m_s = None
     if noise.count.any():
         with np.errstate(invalid="ignore", divide="ignore"):
             u_m_s = np.sqrt(noise.mean() / noise.count).reshape(shape)
     return Average(
         mean=VelocityField(x_m=first.x_m, y_m=first.y_m, vx_m_s=vx, vy_m_s=vy, u_m_s=u_m_s),
-        var_x=var_x,
-        var_y=var_y,
+        variance=moments.variance().reshape(2, *shape),
         count=moments.count[:size].reshape(shape),
-        n=n,
-        tau=tau,
-        convergence=_convergence(means, moments, tau),
-    )
-
-
-def _convergence(means: dict[int, FloatArray], moments: Moments, tau: float) -> MeanConvergence:
-    """Convergence of means by number of fields."""
-
-    def relative(change2: FloatArray, mean: FloatArray) -> float:
-        """Root mean square over that of the mean, where both are known."""
-        both = np.isfinite(change2) & np.isfinite(mean)
-        level = float(np.mean(mean[both] ** 2)) if both.any() else 0.0
-        return math.sqrt(float(np.mean(change2[both])) / level) if level > 0 else math.nan
-
-    n, last = list(means.items())[-1]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        error = relative(moments.variance() * tau / moments.count, last)
-    return MeanConvergence(
-        n=np.array(list(means), dtype=np.int64),
-        moved=np.array(
-            [math.nan, *(relative((b - a) ** 2, b) for a, b in pairwise(means.values()))]
-        ),
-        relative_standard_error=error,
-        fields_for_a_thousandth=(
-            math.ceil(n * (error / WANTED) ** 2) if math.isfinite(error) else math.nan
-        ),
+        n=len(sampled),
+        tau=correlation_time(np.stack(sampled)),
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ WARNINGS = {
     "partly_covered": "a tenth or more of the cut has no vectors",
     "no_scatter": "one field and no uncertainty in it: noise is unknown",
 }
-#: Warnings under which a cut does not stand for the inflow at the disk.
+#: Warnings under which a cut does not measure the inflow at the disk.
 NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone", "wake")
 
 
@@ -65,6 +66,23 @@ class Cut:
     centres_m: tuple[float, ...]
     u_position_m: float
     u_scale: float = 0.0
+
+    def mean(
+        self,
+        field: VelocityField,
+        deeper: float = 0.0,
+        aside: float = 0.0,
+        longer: float = 0.0,
+    ) -> tuple[float, float]:
+        """Downwash through the cut (moved, or longer at both ends), and the part with vectors."""
+        centres = tuple(c + aside for c in self.centres_m)
+        weights = span_weights(field.x_m, centres, self.half_span_m + longer)
+        return over_span(along_cut(field.vy_m_s, field.y_m, self.below_m + deeper), weights)
+
+    def clearance_m(self, scene: Scene) -> float:
+        """Least distance from the cut's ends to the boundary; inf without one."""
+        ends = np.array([c + s * self.half_span_m for c in self.centres_m for s in (-1, 1)])
+        return float(scene.height_m(ends, np.full(len(ends), -self.below_m)).min())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,33 +169,37 @@ def measure(
     `series` (n, nx) is the downwash along it of each field, by `along_cut`; `stagnant` (ny, nx) is
     the measured stagnation zone.
     """
-    x, y, vy = average.mean.x_m, average.mean.y_m, average.mean.vy_m_s
-    weights = span_weights(x, cut.centres_m, cut.half_span_m)
-    profile = along_cut(vy, y, cut.below_m)
+    mean, shift = average.mean, cut.u_position_m
+    weights = span_weights(mean.x_m, cut.centres_m, cut.half_span_m)
+    profile = along_cut(mean.vy_m_s, mean.y_m, cut.below_m)
     value, covered = over_span(profile, weights)
-    inside = weights > 0
+    inside = np.isfinite(profile) & (weights > 0)
     u_noise, n_eff = _noise(average, series, profile, weights, cut)
-    spread = float(np.std(profile[inside & np.isfinite(profile)])) if covered > 0 else math.nan
+    spread = float(np.std(profile[inside])) if covered > 0 else math.nan
 
-    def through(deeper: float = 0.0, aside: float = 0.0, longer: float = 0.0) -> float:
-        """Downwash through the cut moved, or made longer at both ends."""
-        centres = tuple(c + aside for c in cut.centres_m)
-        nodes = span_weights(x, centres, cut.half_span_m + longer)
-        return over_span(along_cut(vy, y, cut.below_m + deeper), nodes)[0]
+    def half_change(name: str) -> float:
+        """Half the change of the downwash as the cut is moved, or made longer, both ways."""
+        more, less = (cut.mean(mean, **{name: s})[0] for s in (shift, -shift))
+        return (more - less) / 2 if math.isfinite(more) and math.isfinite(less) else 0.0
 
-    shift = cut.u_position_m
-    u_position = math.hypot(
-        _half_difference(through(deeper=shift), through(deeper=-shift)),
-        _half_difference(through(aside=shift), through(aside=-shift)),
+    u_position, span = (
+        math.hypot(half_change("deeper"), half_change("aside")),
+        half_change("longer"),
     )
-    span = _half_difference(through(longer=shift), through(longer=-shift))
     slow = 0.0
     if stagnant is not None:
-        slow = float(weights @ stagnant[int(np.argmin(np.abs(y + cut.below_m)))])
-    u_mask = max(1 - covered, 0.0) * spread
-    u_scale = cut.u_scale * abs(value)
-    ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
-    clearance = float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min()) / scene.radius_m
+        slow = float(weights @ stagnant[int(np.argmin(np.abs(mean.y_m + cut.below_m)))])
+    u_mask, u_scale = max(1 - covered, 0.0) * spread, cut.u_scale * abs(value)
+    clearance = cut.clearance_m(scene) / scene.radius_m
+    ground = scene.boundary == "ground"
+    warnings = {
+        "meets_boundary": ground and clearance <= 0,
+        "deflection_zone": ground and 0 < clearance < DEFLECTION_HAT,
+        "stagnation_zone": ground and slow > STAGNANT,
+        "wake": scene.boundary == "ceiling" and cut.below_m > WAKE_HAT * scene.radius_m,
+        "partly_covered": 0 < covered < COVERED,
+        "no_scatter": covered > 0 and not math.isfinite(u_noise),
+    }
     return CutDownwash(
         value=value,
         u=math.sqrt(sum(part**2 for part in (u_noise, u_mask, u_position, span, u_scale))),
@@ -189,7 +211,7 @@ def measure(
         covered=covered,
         n_eff=n_eff,
         clearance_hat=clearance,
-        warnings=_warnings(scene, cut, clearance, covered, u_noise, slow),
+        warnings=tuple(name for name, holds in warnings.items() if holds),
     )
 
 
@@ -218,26 +240,6 @@ def _noise(
     return float(np.sqrt(np.var(lifted, ddof=1) * tau / n)), n / tau
 
 
-def _half_difference(a: float, b: float) -> float:
-    return (a - b) / 2 if math.isfinite(a) and math.isfinite(b) else 0.0
-
-
-def _warnings(
-    scene: Scene, cut: Cut, clearance: float, covered: float, u_noise: float, slow: float
-) -> tuple[str, ...]:
-    """Keys of `WARNINGS`; `slow` is the part of the span in the stagnation zone."""
-    ground = scene.boundary == "ground"
-    warnings = {
-        "meets_boundary": ground and clearance <= 0,
-        "deflection_zone": ground and 0 < clearance < DEFLECTION_HAT,
-        "stagnation_zone": ground and slow > STAGNANT,
-        "wake": scene.boundary == "ceiling" and cut.below_m > WAKE_HAT * scene.radius_m,
-        "partly_covered": 0 < covered < COVERED,
-        "no_scatter": covered > 0 and not math.isfinite(u_noise),
-    }
-    return tuple(name for name, holds in warnings.items() if holds)
-
-
 def reduction(case: CutDownwash, control: CutDownwash) -> Estimate:
     """How much less downwash a case has than its control; intervals with the effective degrees of
     freedom of Welch and Satterthwaite.
@@ -257,86 +259,65 @@ def reduction(case: CutDownwash, control: CutDownwash) -> Estimate:
         return Estimate(value=1 - ratio, u=math.nan, lo90=math.nan, hi90=math.nan)
     small = sum(u**4 / dof for u, dof in parts if math.isfinite(dof))
     dof = variance**2 / small if small > 0 else math.inf
-    u = math.sqrt(variance)
-    quantile = float(t.ppf(0.95, min(dof, 1e6)))
-    return Estimate(
-        value=1 - ratio, u=u, lo90=1 - ratio - quantile * u, hi90=1 - ratio + quantile * u
-    )
+    return Estimate.around(1 - ratio, math.sqrt(variance), float(t.ppf(0.95, min(dof, 1e6))))
 
 
 def wake_speed_m_s(
     mass_kg: float, gravity_m_s2: float, density_kg_m3: float, rotors: int, radius_m: float
 ) -> float:
     """Speed of the hovering vehicle's far wake by momentum theory, twice the induced velocity."""
-    return 2 * math.sqrt(
-        mass_kg * gravity_m_s2 / rotors / (2 * density_kg_m3 * math.pi * radius_m**2)
-    )
+    disk_N = 2 * density_kg_m3 * math.pi * radius_m**2
+    return 2 * math.sqrt(mass_kg * gravity_m_s2 / rotors / disk_N)
 
 
 def check_plausible(
     mean: VelocityField, scene: Scene, cut: Cut, expected_m_s: float, where: str
 ) -> None:
     """Raise `InputRefused`, with the key that corrects it, if the field is implausible."""
-    x0, x1, y0, y1 = (1e3 * v for v in (mean.x_m[0], mean.x_m[-1], mean.y_m[0], mean.y_m[-1]))
-    spans = (
-        f"the field spans x = {x0:.4g} to {x1:.4g} mm and y = {y0:.4g} to {y1:.4g} mm about the"
-        " rotors' midpoint"
-    )
-    through, covered = over_span(
-        along_cut(mean.vy_m_s, mean.y_m, cut.below_m),
-        span_weights(mean.x_m, cut.centres_m, cut.half_span_m),
-    )
-    ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
-    clearance = float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min())
-    grounded = scene.boundary == "ground"
+    refused, radius = partial(InputRefused, where), scene.radius_m
+    through, covered = cut.mean(mean)
+    clearance, grounded = cut.clearance_m(scene), scene.boundary == "ground"
     if covered == 0 and not (grounded and clearance <= 0):
-        raise InputRefused(
-            where,
-            f"the cut {1e3 * cut.below_m:.4g} mm below the rotor plane has no vector; {spans}",
+        x0, x1, y0, y1 = (1e3 * v for v in (*mean.x_m[[0, -1]], *mean.y_m[[0, -1]]))
+        raise refused(
+            f"the cut {1e3 * cut.below_m:.4g} mm below the rotor plane has no vector; the field"
+            f" spans x = {x0:.4g} to {x1:.4g} mm and y = {y0:.4g} to {y1:.4g} mm about the rotors'"
+            " midpoint",
             "check origin, rotors, mask, thrust, and the unit of length (length_unit, scale)",
         )
     speed = float(np.nanpercentile(mean.speed_m_s, 99))
-    if not expected_m_s / SPEED_FACTOR < speed < expected_m_s * SPEED_FACTOR:
-        ratio = speed / expected_m_s
-        raise InputRefused(
-            where,
+    ratio = speed / expected_m_s
+    if not 1 / SPEED_FACTOR < ratio < SPEED_FACTOR:
+        raise refused(
             f"its fastest air moves at {speed:.3g} m/s, {ratio:.2g} times the {expected_m_s:.3g}"
             " m/s of the hovering vehicle's wake",
             "check velocity_unit, scale and frame_time"
             + (" (mm/s written as m/s?)" if 300 < ratio < 3000 else ""),
         )
-    turned = grounded and clearance < DEFLECTION_HAT * scene.radius_m
+    turned = grounded and clearance < DEFLECTION_HAT * radius
     if covered and not turned and abs(through) < expected_m_s / SPEED_FACTOR:
-        raise InputRefused(
-            where,
+        raise refused(
             f"air goes through the cut at {through:.3g} m/s, and at {speed:.3g} m/s elsewhere; the"
             f" hovering vehicle's wake has {expected_m_s:.3g} m/s",
             "are the two velocity components swapped? else check thrust, across, origin, rotors",
         )
     if is_transposed(mean):
-        raise InputRefused(
-            where,
+        raise refused(
             "mass is conserved only with x and y in each other's place",
             "the columns of the two coordinates are swapped; correct their names",
         )
     if has_flipped_component(mean):
-        raise InputRefused(
-            where,
+        raise refused(
             "one component is flipped against its axis: it creates air out of nothing",
             "say v_sign = -1 under [piv], or turn thrust or across round",
         )
-    wake = (
-        (mean.y_m[:, None] < -0.25 * scene.radius_m)
-        & (mean.y_m[:, None] > -1.5 * scene.radius_m)
-        & scene.beneath(mean.x_m, 0.7)[None, :]
-    )
-    above_boundary = scene.height_m(mean.x_m[None, :], mean.y_m[:, None]) > 0.3 * scene.radius_m
-    seen = wake & above_boundary & mean.valid
-    if seen.sum() >= 6 and float(np.mean(mean.vy_m_s[seen])) > 0:
-        raise InputRefused(
-            where,
-            "air beneath the rotors moves along thrust, at"
-            f" {float(np.mean(mean.vy_m_s[seen])):.3g} m/s",
+    y, height = mean.y_m[:, None], scene.height_m(mean.x_m[None, :], mean.y_m[:, None])
+    wake = (y < -0.25 * radius) & (y > -1.5 * radius) & scene.beneath(mean.x_m, 0.7)[None, :]
+    seen = wake & (height > 0.3 * radius) & mean.valid
+    up = float(np.mean(mean.vy_m_s[seen])) if seen.sum() >= 6 else 0.0
+    if up > 0:
+        raise refused(
+            f"air beneath the rotors moves along thrust, at {up:.3g} m/s",
             'turn `thrust` round ("+y" for "-y"), or say v_sign = -1 where the software counts v'
             " downwards",
         )

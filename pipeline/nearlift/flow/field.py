@@ -9,7 +9,6 @@ vectors are found by the normalised median test of Westerweel and Scarano (2005)
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -84,6 +83,11 @@ class VelocityField:
         result: FloatArray = np.hypot(self.vx_m_s, self.vy_m_s)
         return result
 
+    def without(self, nodes: NDArray[np.bool_]) -> VelocityField:
+        """The field without the vectors of these nodes (ny, nx)."""
+        vx, vy = (np.where(nodes, np.nan, v) for v in (self.vx_m_s, self.vy_m_s))
+        return replace(self, vx_m_s=vx, vy_m_s=vy)
+
 
 def same_grid(a: VelocityField, b: VelocityField) -> bool:
     """Whether two fields have the same nodes."""
@@ -110,11 +114,8 @@ def on_grid(
     if len(np.unique(j * len(across) + i)) != len(x):
         raise InputRefused(where, "has two vectors at one place", "export one field per file")
     if len(x) < 0.5 * len(across) * len(up):
-        raise InputRefused(
-            where,
-            f"has {len(x)} vectors on a grid of {len(across)} x {len(up)} nodes",
-            "export a rectangular grid with at least half of its nodes",
-        )
+        what = f"has {len(x)} vectors on a grid of {len(across)} x {len(up)} nodes"
+        raise InputRefused(where, what, "export a rectangular grid with at least half of its nodes")
     grids = np.full((len(values), len(up), len(across)), np.nan)
     grids[:, j, i] = values
     return across, up, tuple(grids)
@@ -123,11 +124,8 @@ def on_grid(
 def _axis(values: FloatArray, name: str, where: str) -> tuple[FloatArray, NDArray[np.int64]]:
     """Nodes along one axis, ascending and even, and the node of each row."""
     if not np.isfinite(values).all():
-        raise InputRefused(
-            where,
-            f"has a vector whose {name} is no number",
-            "export the positions of masked vectors too",
-        )
+        what = f"has a vector whose {name} is no number"
+        raise InputRefused(where, what, "export the positions of masked vectors too")
     nodes = np.unique(values)
     if len(nodes) > 1:
         # positions are printed with few digits: nodes a hundredth of the usual spacing apart are
@@ -135,20 +133,14 @@ def _axis(values: FloatArray, name: str, where: str) -> tuple[FloatArray, NDArra
         usual = np.median(np.diff(nodes)[np.diff(nodes) > 1e-3 * (nodes[-1] - nodes[0])])
         nodes = nodes[np.concatenate([[True], np.diff(nodes) > 0.3 * usual])]
     if len(nodes) < 3:
-        raise InputRefused(
-            where, f"has {len(nodes)} distinct {name}", "a field has at least 3 x 3 nodes"
-        )
+        what = f"has {len(nodes)} distinct {name}"
+        raise InputRefused(where, what, "a field has at least 3 x 3 nodes")
     step = (nodes[-1] - nodes[0]) / (len(nodes) - 1)
     even = nodes[0] + step * np.arange(len(nodes))
-    if (
-        np.abs(nodes - even).max() > max(EVEN * len(nodes), 0.3) * step
-        or np.abs(np.diff(nodes) / step - 1).max() > 0.3
-    ):
-        raise InputRefused(
-            where,
-            f"has nodes that are not evenly spaced along {name}",
-            "export on the correlation's own rectangular grid",
-        )
+    off, uneven = np.abs(nodes - even).max() / step, np.abs(np.diff(nodes) / step - 1).max()
+    if off > max(EVEN * len(nodes), 0.3) or uneven > 0.3:
+        what = f"has nodes that are not evenly spaced along {name}"
+        raise InputRefused(where, what, "export on the correlation's own rectangular grid")
     return even, np.rint((values - nodes[0]) / step).astype(np.int64)
 
 
@@ -189,18 +181,10 @@ def masked(
     field: VelocityField, rectangles: list[tuple[float, float, float, float]]
 ) -> VelocityField:
     """The field without its vectors inside rectangles (x from, x to, y from, y to)."""
-    if not rectangles:
-        return field
-    hidden = np.zeros(field.shape, dtype=bool)
+    hidden, x, y = np.zeros(field.shape, dtype=bool), field.x_m, field.y_m
     for x0, x1, y0, y1 in rectangles:
-        hidden |= np.outer(
-            (field.y_m >= y0) & (field.y_m <= y1), (field.x_m >= x0) & (field.x_m <= x1)
-        )
-    return replace(
-        field,
-        vx_m_s=np.where(hidden, np.nan, field.vx_m_s),
-        vy_m_s=np.where(hidden, np.nan, field.vy_m_s),
-    )
+        hidden |= np.outer((y >= y0) & (y <= y1), (x >= x0) & (x <= x1))
+    return field.without(hidden)
 
 
 def mirrored(field: VelocityField, half: Half) -> VelocityField:
@@ -301,24 +285,25 @@ class Scene:
     rotors_m: tuple[float, ...]
     radius_m: float
 
+    @property
+    def side(self) -> float:
+        """Direction from the boundary to the vehicle along y."""
+        return 1.0 if self.boundary == "ground" else -1.0
+
     def height_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         """Distance to the boundary along its normal, positive on the vehicle's side, inf without
         one; shapes broadcast.
         """
         if self.boundary == "none":
             return np.full(np.broadcast_shapes(np.shape(x_m), np.shape(y_m)), np.inf)
-        side = 1.0 if self.boundary == "ground" else -1.0
-        result: FloatArray = (
-            self.distance_m + side * y_m * math.cos(self.tilt_rad) + x_m * math.sin(self.tilt_rad)
-        )
+        cosine, sine = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
+        result: FloatArray = self.distance_m + self.side * y_m * cosine + x_m * sine
         return result
 
     def boundary_y_m(self, x_m: FloatArray) -> FloatArray:
         """Height of the boundary at `x_m`."""
-        side = 1.0 if self.boundary == "ground" else -1.0
-        result: FloatArray = (
-            -side * (self.distance_m + x_m * math.sin(self.tilt_rad)) / math.cos(self.tilt_rad)
-        )
+        cosine, sine = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
+        result: FloatArray = -self.side * (self.distance_m + x_m * sine) / cosine
         return result
 
     def beneath(self, x_m: FloatArray, reach: float = 1.0) -> NDArray[np.bool_]:
@@ -361,10 +346,6 @@ def _median(stack: FloatArray) -> FloatArray:
     count = np.isfinite(ordered).sum(axis=0)
     low = np.maximum((count - 1) // 2, 0)
     high = np.minimum(count // 2, stack.shape[0] - 1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        middle = 0.5 * (
-            np.take_along_axis(ordered, low[None], 0)[0]
-            + np.take_along_axis(ordered, high[None], 0)[0]
-        )
+    with np.errstate(invalid="ignore"):
+        middle = 0.5 * sum(np.take_along_axis(ordered, k[None], 0)[0] for k in (low, high))
     return np.where(count > 0, middle, np.nan)

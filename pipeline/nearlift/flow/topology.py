@@ -115,31 +115,17 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
     where = (np.abs(yy) > PLANE_HAT * scene.radius_m) & (height > 0.5 * radius)
-    curl = np.gradient(field.vy_m_s, field.dx_m, axis=1) - np.gradient(
-        field.vx_m_s, field.dy_m, axis=0
-    )
-    cell = field.dx_m * field.dy_m
-    cores = []
+    dx, dy, cores = field.dx_m, field.dy_m, []
+    curl = np.gradient(field.vy_m_s, dx, axis=1) - np.gradient(field.vx_m_s, dy, axis=0)
+    cell = dx * dy
+    least = LEAST_AREA * scene.radius_m**2, LEAST_CIRCULATION * reference_m_s * scene.radius_m
     for sign in (1.0, -1.0):
         labels, n = label(where & (sign * turning > CORE) & (sign * still > STANDING))
-        for k in range(1, n + 1):
-            core = labels == k
-            area = float(core.sum() * cell)
-            circulation = float(np.nansum(curl[core]) * cell)
-            if (
-                area < LEAST_AREA * scene.radius_m**2
-                or sign * circulation < LEAST_CIRCULATION * reference_m_s * scene.radius_m
-            ):
-                continue
-            weight = (sign * still[core]) ** 4
-            cores.append(
-                Vortex(
-                    x_m=float(np.average(xx[core], weights=weight)),
-                    y_m=float(np.average(yy[core], weights=weight)),
-                    circulation_m2_s=circulation,
-                    area_m2=area,
-                )
-            )
+        for core in (labels == k for k in range(1, n + 1)):
+            area, turn = float(core.sum() * cell), float(np.nansum(curl[core]) * cell)
+            if area >= least[0] and sign * turn >= least[1]:
+                x, y = np.average([xx[core], yy[core]], axis=1, weights=still[core] ** 4).tolist()
+                cores.append(Vortex(x_m=x, y_m=y, circulation_m2_s=turn, area_m2=area))
     return tuple(sorted(cores, key=lambda v: (v.x_m, v.y_m)))
 
 

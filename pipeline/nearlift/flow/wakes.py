@@ -64,12 +64,12 @@ class Fields(Protocol):
 class Recording:
     """Averaged fields of one case.
 
-    `series` (n, nx) is the downwash along the cut of each field, `outliers` the share of vectors
-    left out as spurious. `measured` (nx,) are the columns that were measured, not mirrored.
+    `place` are the columns that say where it was taken. `series` (n, nx) is the downwash along the
+    cut of each field, `outliers` the share of vectors left out as spurious. `measured` (nx,) are
+    the columns that were measured, not mirrored.
     """
 
-    name: str
-    z_hat: float
+    place: Row
     scene: Scene
     cut: Cut
     mean: Average
@@ -87,16 +87,6 @@ class Recording:
                 self.mean, series, replace(self.cut, centres_m=centres), self.scene, stagnant
             )
             for rotor, centres in (each | {"all": self.cut.centres_m}).items()
-        }
-
-    @property
-    def place(self) -> Row:
-        """The columns that say where it was taken."""
-        return {
-            "case": self.name,
-            "boundary": self.scene.boundary,
-            "z_hat": self.z_hat,
-            "tilt_rad": self.scene.tilt_rad,
         }
 
 
@@ -119,39 +109,36 @@ def wakes(
 
         recordings[case.name] = _recorded(campaign, piv, case, fields_of(case), say_part)
     control = recordings[piv.control].through()
-    reference = control["all"].value
-    cuts_rows: list[Row] = []
-    topologies: list[Row] = []
-    facts: dict[str, Row] = {}
-    profiles, nodes, notes, warned = [], [], [], dict[str, list[str]]()
-    for case in piv.case:
-        recording = recordings[case.name]
+    reference, facts = control["all"].value, dict[str, Row]()
+    done = Wakes(
+        downwash=[],
+        topology=[],
+        profiles=[],
+        fields=[],
+        facts={"control": piv.control, "reference_m_s": reference, "cases": facts},
+        notes=(),
+    )
+    notes, warned = list[str](), dict[str, list[str]]()
+    for name, recording in ((case.name, recordings[case.name]) for case in piv.case):
         wake, stagnant = None, None
         if recording.scene.boundary == "ground":
             wake = wake_topology(recording.mean.mean, recording.scene, reference)
             stagnant = wake.stagnation.nodes
-            topologies.append(_topology_row(recording, wake))
+            done.topology.append(_topology_row(recording, wake))
         cuts = recording.through(stagnant)
-        cuts_rows += _downwash_rows(recording, cuts, control, case.name == piv.control)
-        profiles.append(_profile(recording))
-        nodes.append(_nodes(recording, stagnant))
-        facts[case.name] = _facts(recording, wake)
-        notes += [f"{case.name}: {f} left out: {why.what}" for f, why in recording.stream.refused]
+        done.downwash.extend(_downwash_rows(recording, cuts, control, name == piv.control))
+        done.profiles.append(_profile(recording))
+        done.fields.append(_nodes(recording, stagnant))
+        facts[name] = _facts(recording, wake)
+        notes += [f"{name}: {file} left out: {why.what}" for file, why in recording.stream.refused]
         for code in cuts["all"].warnings:
-            warned.setdefault(code, []).append(case.name)
+            warned.setdefault(code, []).append(name)
     notes += [
         f"{meaning} ({len(warned[code])} of {len(piv.case)} cases: {', '.join(warned[code])})"
         for code, meaning in downwash.WARNINGS.items()
         if code in warned
     ]
-    return Wakes(
-        downwash=cuts_rows,
-        topology=topologies,
-        profiles=profiles,
-        fields=nodes,
-        facts={"control": piv.control, "reference_m_s": reference, "cases": facts},
-        notes=tuple(notes),
-    )
+    return replace(done, notes=tuple(notes))
 
 
 def _recorded(
@@ -175,8 +162,7 @@ def _recorded(
                 say(f"flow {case.name}: {len(series)} of {files} files", len(series) / files)
             wrong = spurious(field.vx_m_s, field.vy_m_s, piv.outliers)
             wrong_of[:] += wrong.sum(), field.valid.sum()
-            vx, vy = (np.where(wrong, np.nan, v) for v in (field.vx_m_s, field.vy_m_s))
-            whole = replace(field, vx_m_s=vx, vy_m_s=vy)
+            whole = field.without(wrong)
             whole = whole if half is None else mirrored(whole, half)
             series.append(along_cut(whole.vy_m_s, whole.y_m, below))
             yield whole
@@ -186,11 +172,8 @@ def _recorded(
     except InputRefused as refusal:
         raise (stream.refused[0][1] if stream.refused and not series else refusal) from None
     if len(stream.refused) > MAX_REFUSED * files:
-        raise InputRefused(
-            where,
-            f"{len(stream.refused)} of {files} files are refused",
-            str(stream.refused[0][1]),
-        )
+        what = f"{len(stream.refused)} of {files} files are refused"
+        raise InputRefused(where, what, str(stream.refused[0][1]))
     scene = Scene(
         boundary=case.boundary,
         distance_m=z_hat * radius,
@@ -213,8 +196,12 @@ def _recorded(
     downwash.check_plausible(mean.mean, scene, cut, expected, where)
     x = mean.mean.x_m
     return Recording(
-        name=case.name,
-        z_hat=z_hat,
+        place={
+            "case": case.name,
+            "boundary": case.boundary,
+            "z_hat": z_hat,
+            "tilt_rad": case.tilt,
+        },
         scene=scene,
         cut=cut,
         mean=mean,
@@ -239,17 +226,16 @@ def _downwash_rows(
         less = downwash.reduction(d, control.get(rotor, control["all"]))
         if is_control:
             less = Estimate(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
-        yield recording.place | {
+        parts = {f"u_{k}_m_s": getattr(d, f"u_{k}") for k in ("noise", "mask", "position", "scale")}
+        yield {
+            **recording.place,
+            **parts,
             "rotor": rotor,
             "below_m": recording.cut.below_m,
             "half_span_m": recording.cut.half_span_m,
             "downwash_m_s": d.value,
             "u_downwash_m_s": d.u,
-            "u_noise_m_s": d.u_noise,
-            "u_mask_m_s": d.u_mask,
-            "u_position_m_s": d.u_position,
             "u_span_m_s": abs(d.span),
-            "u_scale_m_s": d.u_scale,
             "covered": d.covered,
             "n_fields": recording.mean.n,
             "n_eff": d.n_eff,
@@ -264,12 +250,12 @@ def _downwash_rows(
 
 def _profile(recording: Recording) -> Table:
     """Columns of downwash_profile.parquet."""
-    moments, mean, below = recording.mean, recording.mean.mean, recording.cut.below_m
+    mean, below = recording.mean.mean, recording.cut.below_m
     return {
-        "case": np.full(len(mean.x_m), recording.name, dtype=object),
+        "case": np.full(len(mean.x_m), recording.place["case"], dtype=object),
         "x_m": mean.x_m,
         "downwash_m_s": along_cut(mean.vy_m_s, mean.y_m, below),
-        "u_downwash_m_s": np.abs(along_cut(moments.u_y, mean.y_m, below)),
+        "u_downwash_m_s": np.abs(along_cut(recording.mean.u_m_s[1], mean.y_m, below)),
         "mirrored": (~recording.measured).astype(np.int64),
     }
 
@@ -278,6 +264,7 @@ def _nodes(recording: Recording, stagnant: NDArray[np.bool_] | None) -> Table:
     """Columns of flow_fields.parquet."""
     moments, mean = recording.mean, recording.mean.mean
     xx, yy = np.meshgrid(mean.x_m, mean.y_m)
+    (u_vx, u_vy), (sd_vx, sd_vy) = moments.u_m_s, np.sqrt(moments.variance)
     still = np.zeros(mean.shape, bool) if stagnant is None else stagnant
     grids = {
         "x_m": xx,
@@ -285,24 +272,23 @@ def _nodes(recording: Recording, stagnant: NDArray[np.bool_] | None) -> Table:
         "z_m": recording.scene.height_m(xx, yy),
         "vx_m_s": mean.vx_m_s,
         "vy_m_s": mean.vy_m_s,
-        "u_vx_m_s": moments.u_x,
-        "u_vy_m_s": moments.u_y,
-        "sd_vx_m_s": np.sqrt(moments.var_x),
-        "sd_vy_m_s": np.sqrt(moments.var_y),
+        "u_vx_m_s": u_vx,
+        "u_vy_m_s": u_vy,
+        "sd_vx_m_s": sd_vx,
+        "sd_vy_m_s": sd_vy,
         "count": moments.count.astype(np.int64),
         "stagnant": still.astype(np.int64),
         "mirrored": np.broadcast_to(~recording.measured, mean.shape).astype(np.int64),
     }
-    return {"case": np.full(xx.size, recording.name, dtype=object)} | {
-        name: grid.ravel() for name, grid in grids.items()
-    }
+    case = np.full(xx.size, recording.place["case"], dtype=object)
+    return {"case": case, **{name: grid.ravel() for name, grid in grids.items()}}
 
 
 def _topology_row(recording: Recording, wake: WakeTopology) -> Row:
     """Row of flow_topology.parquet."""
     turns = [v.circulation_m2_s > 0 for v in wake.vortices]
     zone, r = wake.stagnation, recording.scene.radius_m
-    return {k: recording.place[k] for k in ("case", "z_hat", "tilt_rad")} | {
+    return recording.place | {
         "vortices_ccw": sum(turns),
         "vortices_cw": len(turns) - sum(turns),
         "stagnation_area_hat2": zone.area_m2 / r**2,
@@ -315,8 +301,7 @@ def _topology_row(recording: Recording, wake: WakeTopology) -> Row:
 def _facts(recording: Recording, wake: WakeTopology | None) -> Row:
     """Block of a case in flow.json."""
     moments = recording.mean
-    return {
-        **recording.place,
+    return recording.place | {
         "files": len(recording.stream.files),
         "fields": moments.n,
         "left_out": [{"file": file, "reason": why.what} for file, why in recording.stream.refused],

@@ -112,7 +112,10 @@ FLOW_TOPOLOGY = Product(
     ),
 )
 FLOW = Product(
-    file="flow.json", title="What was read and averaged of each velocity field", row="case"
+    file="flow.json",
+    title="What was read and averaged of each velocity field",
+    row="case",
+    version=2,
 )
 FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
 
