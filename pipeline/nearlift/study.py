@@ -6,7 +6,7 @@ import contextlib
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -88,13 +88,11 @@ class Study:
 
     def diagnose(self) -> Diagnosis:
         """Trace the residuals of the base models to an identified effect, or to none."""
-        about = self._run("diagnose")
+        about, folder = self._run("diagnose"), self.processed
         return Diagnosis(
             **about,
-            boundaries=tables.load(
-                self.processed / DiagnosisResults.file, DiagnosisResults
-            ).boundaries,
-            quoted=tables.load(self.processed / Results.file, Results).boundaries,
+            boundaries=tables.load(folder / DiagnosisResults.file, DiagnosisResults).boundaries,
+            quoted=tables.load(folder / Results.file, Results).boundaries,
             residuals=self.read("loop_residuals.parquet"),
         )
 
@@ -106,10 +104,7 @@ class Study:
     def plot(self, name: str = "fig2") -> Figure:
         """Draw a figure of the report as a matplotlib Figure, to be adjusted and saved.
 
-        Parameters
-        ----------
-        name : str
-            Such as ``"fig2"``, ``"diagnosis"``, ``"budget"``, ``"residuals"``, ``"corner"``.
+        `name` is such as ``"fig2"``, ``"diagnosis"``, ``"budget"``, ``"residuals"``, ``"corner"``.
 
         Raises
         ------
@@ -121,10 +116,8 @@ class Study:
         from nearlift.report.registry import FIGURES
         from nearlift.stages.gathering import gather
 
-        figures = {item.name: item for item in FIGURES}
-        spec = _entry(figures, name, "is no figure")
-        makers = [stage.name for stage in STAGES if set(stage.writes) & set(spec.needs)]
-        self._run(makers[-1])
+        spec = _entry({item.name: item for item in FIGURES}, name, "is no figure")
+        self._run([stage.name for stage in STAGES if set(stage.writes) & set(spec.needs)][-1])
         with self._job("serial") as job:
             rows = spec.table(gather(job))
         if rows.empty:
@@ -133,12 +126,8 @@ class Study:
         return drawn(spec.draw, rows, style_of(self.manifest))
 
     def read(self, product: str) -> pd.DataFrame:
-        """Read a table product from disk, its checksums verified.
-
-        Parameters
-        ----------
-        product : str
-            Such as ``"trials.parquet"``; ``nearlift describe`` lists them.
+        """Read a table product from disk, such as ``"trials.parquet"``, its checksums verified;
+        ``nearlift describe`` lists them.
 
         Raises
         ------
@@ -158,11 +147,9 @@ class Study:
         """Run what is stale up to the stage `last`; the fields of every answer."""
         with self._job(self.executor) as job:
             steps = [*engine.run(job, STAGES[: ORDER.index(last) + 1])]
-        return {
-            "campaign": self.manifest.name,
-            "trials": self.read("trials.parquet"),
-            "notes": tuple(dict.fromkeys(note for step in steps for note in step.outcome.notes)),
-        }
+        notes = tuple(dict.fromkeys(note for step in steps for note in step.outcome.notes))
+        trials = self.read("trials.parquet")
+        return {"campaign": self.manifest.name, "trials": trials, "notes": notes}
 
     def __repr__(self) -> str:
         return f"Study({self.manifest.name!r}, {str(self.root)!r}, out={str(self.out)!r})"
@@ -221,10 +208,6 @@ def trials(
         Number of rotors; 1 for an isolated rotor.
     held : str
         Held quantity: ``throttle``, ``voltage``, ``rpm`` or ``power``.
-    name : str
-        Name of the campaign.
-    seed : int
-        Seed of everything random.
     **sections : mapping
         Other sections of the manifest, such as ``fit={"ground": {"rivals": []}}``.
 
@@ -242,13 +225,8 @@ def trials(
     """
     from nearlift.onboarding.frames import write_campaign
 
-    vehicle = {
-        "name": name,
-        "rotors": rotors,
-        "rotor_radius": rotor_radius,
-        "rotor_spacing": rotor_spacing,
-        "mass": mass,
-    }
+    vehicle = {"name": name, "rotors": rotors, "rotor_radius": rotor_radius, "mass": mass}
+    vehicle["rotor_spacing"] = rotor_spacing
     folder = Path(tempfile.mkdtemp(prefix="nearlift-"))
     with contextlib.ExitStack() as refused:
         refused.callback(shutil.rmtree, folder, ignore_errors=True)
@@ -321,12 +299,10 @@ class Fit(StudyAnswer):
         drawn = self.posterior.query("boundary == @boundary and model == @model")
         if drawn.empty:
             what = f"there are none at the {boundary}"
-            raise UsageError(
-                f"draws of {model}", what, "its posterior was not reached: see `notes`"
-            )
-        return drawn.pivot_table(
-            index=["chain", "draw"], columns="parameter", values="value", sort=False
-        )
+            remedy = "its posterior was not reached: see `notes`"
+            raise UsageError(f"draws of {model}", what, remedy)
+        index = ["chain", "draw"]
+        return drawn.pivot_table(index=index, columns="parameter", values="value", sort=False)
 
     def to_lmfit(self, boundary: str = "", model: str = "") -> Any:
         """Coefficients as `lmfit.Parameters`, with bounds, standard errors and correlations."""
@@ -337,7 +313,7 @@ class Fit(StudyAnswer):
             low, high = catalogue.model(model).parameter(name).bounds
             parameters.add(name, value=c.value, min=low, max=high)
             parameters[name].stderr, parameters[name].correl = c.u, {}
-        for a, b, r in _correlations(fit.covariance.names, fit.covariance.values):
+        for (a, b), r in _correlations(fit.covariance.names, fit.covariance.values).items():
             if a in parameters and b in parameters:
                 parameters[a].correl[b] = parameters[b].correl[a] = r
         return parameters
@@ -436,11 +412,9 @@ def _residuals(
     for boundary, base in results.base.items():
         model, data = catalogue.model(base), observe(columns, campaign, boundary)
         inside = data.take(usable(model, data))
-        residual = pd.Series(
-            log_residual(model, results.of_base(boundary), inside), index=inside.trial
-        )
+        left = log_residual(model, results.of_base(boundary), inside)
         rows = trials[trials["trial"].isin(data.trial)]
-        rows = rows.assign(residual=rows["trial"].map(residual))
+        rows = rows.assign(residual=rows["trial"].map(pd.Series(left, index=inside.trial)))
         rows.insert(0, "fitted_at", boundary)
         parts.append(rows)
     return pd.concat(parts, ignore_index=True)
@@ -454,13 +428,16 @@ def _entry(entries: Mapping[str, Entry], key: str, what: str) -> Entry:
 
 def _correlations(
     names: Sequence[str], values: Sequence[Sequence[float]]
-) -> Iterator[tuple[str, str, float]]:
+) -> dict[tuple[str, str], float]:
     """Correlations of pairs, the largest first, from a covariance or a correlation matrix."""
     matrix = np.array(values, dtype=float).reshape(len(names), len(names))
     sd = np.sqrt(matrix.diagonal())
-    pairs = [(i, j, float(matrix[i, j] / sd[i] / sd[j])) for i in range(len(sd)) for j in range(i)]
-    for i, j, r in sorted(pairs, key=lambda pair: -abs(pair[2])):
-        yield names[i], names[j], r
+    pairs = {
+        (names[i], names[j]): float(matrix[i, j] / sd[i] / sd[j])
+        for i in range(len(sd))
+        for j in range(i)
+    }
+    return dict(sorted(pairs.items(), key=lambda pair: -abs(pair[1])))
 
 
 def _section(
@@ -468,9 +445,11 @@ def _section(
     title: str,
     facts: list[str],
     coefficients: Mapping[str, Estimate],
-    correlations: Iterator[tuple[str, str, float]],
+    correlations: Mapping[tuple[str, str], float],
 ) -> list[str]:
     """Lines of one boundary in a report, in the form of lmfit's."""
     values = [coefficient_text(c, name) for name, c in coefficients.items()]
-    pairs = [f"C({a}, {b}) = {r:+.3f}" for a, b, r in correlations if abs(r) > MIN_CORRELATION]
+    pairs = [
+        f"C({a}, {b}) = {r:+.3f}" for (a, b), r in correlations.items() if abs(r) > MIN_CORRELATION
+    ]
     return [f"[[{boundary}: {title}]]", *(f"    {text}" for text in (*facts, *values, *pairs))]
