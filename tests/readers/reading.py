@@ -53,6 +53,7 @@ def of_trials(name: str, given: Any, root: Path, trials: list[str]) -> list[Any]
 def put(folder: Path, content: str | bytes, name: str = "f.txt") -> Path:
     """A file of this content."""
     path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
 

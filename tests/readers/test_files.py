@@ -6,22 +6,20 @@ import gzip
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.readers.reading import of_trials
+from tests.readers.reading import contents, of_trials, put
 from tests.unit import written
 from tests.unit.manifests import manifest
 
-from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.onboarding.inspection import inspect
 from nearlift.onboarding.new import write_from
 from nearlift.readers import files, reader
-from nearlift.readers.base import Contents, pick
+from nearlift.readers.base import pick
 from nearlift.schedule import _text_of as text_of
 
 
@@ -53,19 +51,6 @@ FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60),
 ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def read(name: str, path: Path, **dialect: Any) -> Contents:
-    form = readers.reader(name)
-    assert form.contents is not None
-    return form.contents(path, form.checked_dialect(dialect), None)
-
-
-def put(folder: Path, content: str | bytes, name: str = "a.txt") -> Path:
-    path = folder / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
-
-
 @pytest.mark.parametrize(
     ("name", "content", "column"),
     [
@@ -79,8 +64,8 @@ def put(folder: Path, content: str | bytes, name: str = "a.txt") -> Path:
 def test_a_packed_text_is_read_as_what_is_inside(
     tmp_path: Path, name: str, content: bytes, column: str
 ) -> None:
-    plain = read(name, put(tmp_path, content))
-    inside = read(name, put(tmp_path, gzip.compress(content), "a.txt.gz"))
+    plain = contents(name, put(tmp_path, content))
+    inside = contents(name, put(tmp_path, gzip.compress(content), "a.txt.gz"))
     assert inside.codes == plain.codes
     np.testing.assert_array_equal(
         pick(inside.channels, column, "k", "f").values,
@@ -93,7 +78,7 @@ def test_a_packed_text_is_read_as_what_is_inside(
 def test_a_packed_text_cut_anywhere_is_refused(cut: int, tmp_path: Path) -> None:
     content = gzip.compress(written.rcbenchmark(FORCE), mtime=0)[:cut]
     with pytest.raises(InputRefused, match="is compressed, and damaged or cut off"):
-        read("rcbenchmark", put(tmp_path, content))
+        contents("rcbenchmark", put(tmp_path, content))
 
 
 def test_a_packed_text_of_too_much_is_refused(

@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from tests.readers.reading import put
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import piv
@@ -39,12 +40,6 @@ def one(path: Path, setting: Setting = Setting(), name: str | None = None):  # n
     return field
 
 
-def put(folder: Path, text: str | bytes, name: str = "f.txt") -> Path:
-    path = folder / name
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return path
-
-
 INSIGHT = (
     'TITLE="a" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", DATASETAUXDATA'
     ' MicrometersPerPixelX="20.0" DATASETAUXDATA MicrosecondsPerDeltaT="100.0" ZONE I=4, J=3,'
@@ -65,6 +60,9 @@ FRAME = (
 )
 HEAD = "x [m],y [m],u [m/s],v [m/s],Vector type [-]\n"
 ONE = np.ones_like(X)
+NEW = "# x\ty\tu\tv\tflags\tmask\n"
+PLAIN = NEW + table(X, Y, U, V, 0 * X, 0 * X)
+KNOWN = Setting(length_unit="mm", velocity_unit="m/s")
 
 
 def dantec(columns: str = NAMES, status: np.ndarray = 0 * ONE, tab: bool = False) -> str:
@@ -87,13 +85,13 @@ def dantec(columns: str = NAMES, status: np.ndarray = 0 * ONE, tab: bool = False
         ("davis", DAVIS + table(X, Y, U, V).replace(".", ","), Setting()),
         (
             "openpiv",
-            "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * ONE, 0 * ONE),
-            Setting(length_unit="mm", velocity_unit="m/s"),
+            PLAIN,
+            KNOWN,
         ),
         (
             "openpiv",
             table(X, Y, U, V, 3.7 * ONE, sep=" "),
-            Setting(length_unit="mm", velocity_unit="m/s"),
+            KNOWN,
         ),
         (
             "pivlab",
@@ -123,12 +121,12 @@ def test_every_text_dialect_gives_the_same_field(tmp_path, name, text, setting, 
         (INSIGHT + table(X, Y, U, V, np.where(X == 2, 2, 1), sep=", "), Setting()),
         (DAVIS + table(X, Y, np.where(X == 2, 0, U), np.where(X == 2, 0, V)), Setting()),
         (
-            "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, np.where(X == 2, 1, 0), 0 * X),
-            Setting(length_unit="mm", velocity_unit="m/s"),
+            NEW + table(X, Y, U, V, np.where(X == 2, 1, 0), 0 * X),
+            KNOWN,
         ),
         (
-            "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * X, np.where(X == 2, 1, 0)),
-            Setting(length_unit="mm", velocity_unit="m/s"),
+            NEW + table(X, Y, U, V, 0 * X, np.where(X == 2, 1, 0)),
+            KNOWN,
         ),
         (HEAD + table(1e-3 * X, 1e-3 * Y, np.where(X == 2, np.nan, U), V, ONE, sep=","), Setting()),
         (HEAD + table(1e-3 * X, 1e-3 * Y, U, V, np.where(X == 2, 0, 1), sep=","), Setting()),
@@ -143,7 +141,7 @@ def test_what_is_no_vector_is_nan_and_never_zero(tmp_path, text, setting):
 
 
 def test_pixels_and_displacements_become_velocities_by_scale_and_frame_time(tmp_path):
-    path = put(tmp_path, "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * X, 0 * X))
+    path = put(tmp_path, PLAIN)
     field = one(
         path,
         Setting(length_unit="px", velocity_unit="px/frame", scale_m=20e-6, frame_time_s=100e-6),
@@ -177,37 +175,33 @@ def test_insight_brings_its_own_scale_and_frame_time(tmp_path):
     np.testing.assert_allclose(field.vx_m_s, 0.2 * U, rtol=1e-5)
 
 
-NEW = "# x\ty\tu\tv\tflags\tmask\n"
-KNOWN = Setting(length_unit="mm", velocity_unit="m/s")
-
-
 @pytest.mark.parametrize(
     ("text", "setting", "says"),
     [
         (NEW + table(X, Y, 0 * X, 0 * X, 0 * X, 0 * X), KNOWN, "every vector is zero"),
         (NEW + table(X, Y, U, V, 0 * X, ONE), KNOWN, "none of its 12 vectors is valid"),
         (
-            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            PLAIN,
             Setting(),
             'does not say its length unit\n  add length_unit = "mm"',
         ),
         (
-            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            PLAIN,
             Setting(length_unit="mm"),
             "does not say its velocity unit",
         ),
         (
-            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            PLAIN,
             Setting(length_unit="px", velocity_unit="m/s"),
             'add scale = "20 um/px"',
         ),
         (
-            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            PLAIN,
             Setting(length_unit="mm", velocity_unit="mm"),
             'add frame_time = "100 us"',
         ),
         (
-            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            PLAIN,
             Setting(length_unit="mm", velocity_unit="kg"),
             "not a unit of length",
         ),
@@ -233,12 +227,12 @@ KNOWN = Setting(length_unit="mm", velocity_unit="m/s")
             "holds displacements",
         ),
         (
-            NEW + table(X, Y, U, V, 0 * X, 0 * X)[:-9],
+            PLAIN[:-9],
             KNOWN,
             "line 13: has . cells under 6 column names",
         ),
         (
-            NEW + table(X, Y, U, V, 0 * X, 0 * X).replace("0.75", "0,75", 1),
+            PLAIN.replace("0.75", "0,75", 1),
             KNOWN,
             "line 2: '0,75' in column 'column 3' is not a number\n  export it again",
         ),

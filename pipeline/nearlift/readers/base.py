@@ -39,8 +39,8 @@ RecordsDialect = Mapping[str, object]
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
 _NOT_IN_NAMES = re.compile(r"[/\\\0]")
-#: Files of one task.
-FILES_PER_PIECE = 8
+#: Fewest and most files of one task, and tasks in between.
+FEWEST_FILES, MOST_FILES, TASKS = 8, 32, 64
 #: Names of the channels wanted; None for all.
 Names = tuple[str, ...] | None
 #: Units by their own names, in letters of any size.
@@ -395,7 +395,8 @@ class Reader:
         self.checked_dialect(campaign.records.dialect)
         there, pattern = self.places(campaign, root, trials), campaign.records.pattern
         names, paths = tuple(there), tuple(there.values())
-        stretches = [slice(i, i + FILES_PER_PIECE) for i in range(0, len(names), FILES_PER_PIECE)]
+        files_each = min(max(len(names) // TASKS, FEWEST_FILES), MOST_FILES)
+        stretches = [slice(i, i + files_each) for i in range(0, len(names), files_each)]
         pieces = [Piece(trials=names[part], paths=paths[part]) for part in stretches]
         marked = MARK in pattern
         notes = files.unlisted(root, pattern, trials, campaign.trials.file) if marked else []

@@ -47,7 +47,7 @@ SWEEP = 0.1
 SWEPT = (
     "the record takes many lifts: a sweep of the throttle, and no one trial; to cut it into trials"
     f" write {RECORD_MARK} for {MARK} in [records] files, call the schedule's column of ids record,"
-    " and add the [segments] that `nearlift inspect` proposes for the record"
+    " and add the [segments] that `nearlift inspect FILE` proposes for the record"
 )
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20

@@ -138,14 +138,11 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
 
 def csv_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The columns of plain CSV: commas and decimal points; without names, in any dialect."""
-    if names is None:
-        return contents(path, {}, None)
-    content = content_of(path)
     try:
-        return from_text(content, str(path), Dialect(separator="comma", decimal="."), names)
+        return contents(path, {"separator": "comma", "decimal": "."} if names else {}, names)
     except InputRefused:
-        head = content[:HEAD].split(b"\n", 1)[0]
-        if b"," in head or not (b";" in head or b"\t" in head):
+        first = content_of(path, HEAD).split(b"\n", 1)[0]
+        if names is None or b"," in first or not (b";" in first or b"\t" in first):
             raise
     remedy = 'save it with commas and decimal points, or say reader = "text"'
     raise InputRefused(f"{path}, line 1", "is not parted by commas", remedy)
@@ -181,8 +178,7 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
         ):
             # this file may be of another dialect; if not, it is refused again
             with contextlib.suppress(InputRefused):
-                if layout.decimal == ",":
-                    refuse_thousands(layout, text.lines, where, text.said)
+                refuse_thousands(layout, text.lines, where, text.said)
                 return by_layout(text, layout, names, where)
     try:
         layout = sniff(text.lines, where, text.said, names)
