@@ -26,7 +26,7 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     """The library's diagnosis of a campaign, and under `quoted` each coefficient's 90 % interval in
     results.json.
 
-    `options` are those of the search (`multiplicity=False`, `form_sd=0.0`, ...). A refusal is an
+    `options` are those of the search (`form_sd=0.0`, ...). A refusal is an
     answer, as in a run of the pipeline: the base fit is then quoted.
     """
     from nearlift import catalogue

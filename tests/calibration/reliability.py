@@ -94,7 +94,7 @@ def campaign_of(seed: int) -> tuple[str, Campaign]:
 def assess(seed: int) -> Row:
     """Answer of the search, confirmed on visits left out without a search of their own."""
     from nearlift import catalogue
-    from nearlift.loop import adequacy, confirmation
+    from nearlift.loop import confirmation
     from nearlift.loop.coefficients import answers
     from nearlift.loop.diagnose import set_up
     from nearlift.loop.search import search_to_convergence
@@ -111,9 +111,9 @@ def assess(seed: int) -> Row:
     if answer.accepted:
         helps = confirmation.improves(problem, scored)
         if not (helps and confirmation.each_helps(problem, scored, named)):
-            answer = answer.without_names()
+            answer = replace(answer, accepted=())
     if answer.verdict == "adequate":
-        answer = replace(answer, contradicted=adequacy.contradictions(problem, scored))
+        answer = replace(answer, contradicted=confirmation.contradictions(problem, scored))
     quoted = answers(answer).estimates().after[forms.HEADLINE[boundary]]
     return {
         "seed": seed,

@@ -48,9 +48,9 @@ def test_heating_is_found_in_records(executor):
     assert made.loc["within_seen", "hi95"] >= 0.8
 
 
-def test_without_the_correction_for_many_candidates_nulls_are_accused(executor):
+def test_at_a_level_of_one_half_nulls_are_accused(executor):
     """The test must notice a broken engine."""
-    broken = partial(engine, multiplicity=False, confirm=False)
+    broken = partial(engine, false_alarm_rate=0.5, confirm=False)
     made = figures(score(executor, "null", SEEDS[: max(N // 3, 30)], broken))
     assert made.loc["null", "passed"] is False
 

@@ -70,7 +70,7 @@ def test_the_accepted_explanation_draws_what_was_measured():
     )
     problem = set_up(data, CEILING, (datum(1e-4),), Options())[0]
     assert "height_offset" not in {e.name for e in problem.effects}
-    answer = decide(problem, False, 0.05).answer
+    answer = decide(problem, False, 0.05)
     accepted = accepted_explanation(answer, coefficients.answers(answer))
     assert accepted.effects == ("near_wall_saturation",)
     values = {name: e.value for name, e in accepted.parameters.items()}

@@ -14,18 +14,18 @@ from tests.unit.simulated import campaign, restated
 
 from nearlift import catalogue
 from nearlift.loop import (
-    absorption,
     coefficients,
     confirmation,
     discrepancy,
     findings,
+    limits,
     search,
     search_problem,
     structure,
     weigh,
 )
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.explanation import LEAST_SHARE
+from nearlift.loop.evidence import LEAST_SHARE
 from nearlift.loop.families import families
 from nearlift.loop.power import size_parameters
 from nearlift.loop.random_walk_gain import waves
@@ -152,10 +152,10 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
             # one unknown more each: how much sessions differ, and how far the gain wanders
             unknowns = len(paying) + bool(len(session)) + bool(reading.random_walk_gain)
             logs.append(-0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n)))
-        assert [e.evidence.exact, e.evidence.discrepant] == pytest.approx(logs, rel=1e-6)
+        assert [e.exact, e.discrepant] == pytest.approx(logs, rel=1e-6)
         expected = np.logaddexp(*logs) - np.log(2)
-        assert e.evidence.log == pytest.approx(expected, rel=1e-6), e.name
-        assert e.evidence.over_none == pytest.approx(expected - stage.unnamed, rel=1e-6, abs=1e-5)
+        assert e.log_evidence == pytest.approx(expected, rel=1e-6), e.name
+        assert e.over_none == pytest.approx(expected - stage.unnamed, rel=1e-6, abs=1e-5)
         # of what restarts with every session each size is its own
         again = stage.space.project(e.fitted.candidate.restarts(e.fitted.vector, e.form_sd).T).T
         whole, left = np.eye(stage.data.n) + again @ again.T, e.fitted.residual
@@ -238,7 +238,7 @@ def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
     jacobian = stage.candidate().jacobian(stage.base_fit.vector)
     information = jacobian.T @ inverse @ jacobian
     for limit in (0.0, 1.1):
-        found = {f.effect: f for f in coefficients.silent(stage, effects, limit)}
+        found = {f.effect: f for f in limits.silent(stage, effects, limit)}
         for effect in effects:
             columns = [c for e, c in stage.library if e.name == effect.name and c.shape[1] == 1]
             if not columns:
@@ -258,7 +258,7 @@ def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
                 assert found[effect.name].bias_at_detection_limit == pytest.approx(bias, rel=1e-6)
                 assert found[effect.name].u == pytest.approx(information[0, 0] ** -0.5)
                 assert found[effect.name].hidden == (limit > 1)
-        biases = [f.bias_at_detection_limit for f in coefficients.silent(stage, effects, limit)]
+        biases = [f.bias_at_detection_limit for f in limits.silent(stage, effects, limit)]
         assert biases == sorted(biases, reverse=True)
         assert biases
 
@@ -500,9 +500,7 @@ def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(sta
             project=lambda x: x, covariance=SimpleNamespace(order=np.argsort(run))
         ),
     )
-    found = absorption.unidentifiable_coefficients(
-        planned, SimpleNamespace(jacobian=slope[:, None])
-    )
+    found = limits.unidentifiable_coefficients(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.coefficient for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
     if found:
         assert found[0].share == pytest.approx(share)
@@ -534,9 +532,7 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
         as_recorded=data,
         space=SimpleNamespace(project=lambda x: x, covariance=SimpleNamespace(order=np.arange(40))),
     )
-    found = absorption.unidentifiable_coefficients(
-        planned, SimpleNamespace(jacobian=slope[:, None])
-    )
+    found = limits.unidentifiable_coefficients(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.absorbed_by for f in found] == (["session_gain"] if said else [])
     if said:
         assert found[0].share == pytest.approx(beside**2 / (1 + beside**2))
@@ -555,7 +551,6 @@ def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_witho
     def needed(*without):
         return stage.judged(e.fitted, 0.0, without).needed
 
-    assert stage.excess_sd == pytest.approx(chance)
     assert needed(least - 1.0)
     assert not needed(least + 1.0)
     assert not needed(least - 1.0, least + 1.0)
@@ -645,6 +640,6 @@ def test_a_rival_stands_in_for_what_its_explanation_does_not_share(best, others,
         return SimpleNamespace(effects=names, fitted=SimpleNamespace(candidate=candidate))
 
     accepted = [explanation(names) for names in (best, *others)]
-    answer = SimpleNamespace(accepted=accepted, best=accepted[0].fitted)
+    answer = SimpleNamespace(accepted=accepted, named=best, best=accepted[0].fitted)
     named = findings.named_effects(answer, SimpleNamespace(parameters={}))
     assert [(e.name, e.rivals) for e in named] == list(zip(best, expected, strict=True))

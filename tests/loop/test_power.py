@@ -11,9 +11,9 @@ from nearlift import catalogue
 from nearlift.errors import NotConverged
 from nearlift.likelihood.covariates import derive
 from nearlift.loop import predictions
-from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.expected_noise import planned
+from nearlift.loop.limits import unidentifiable_coefficients
 from nearlift.loop.power import LIMIT_POWER, size_parameters
 from nearlift.loop.search import run
 from nearlift.loop.search_problem import Options

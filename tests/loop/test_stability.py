@@ -135,7 +135,7 @@ def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond, or
         # a table that somebody sorted: whitened trials stand by visit, and not as its rows
         rows = np.random.default_rng(1).permutation(data.n)
         data = replace(data.take(rows), ordered=False)
-    stage = set_up(data, GROUND, (), Options(multiplicity=False))[0]
+    stage = set_up(data, GROUND, (), Options(false_alarm_rate=0.99))[0]
     answer = search.run(stage)
     least = answer.first.log10_p.min()
 
@@ -176,8 +176,7 @@ def test_the_trials_that_decide_whether_there_is_a_name_are_tried(sagging):
     stage = replace(answer.problem)
 
     def of(over_none, against=False):
-        evidence = replace(first.evidence, unnamed=0.0, exact=over_none, discrepant=over_none)
-        name = replace(first, evidence=evidence)
+        name = replace(first, unnamed=0.0, exact=over_none, discrepant=over_none)
         # trials that speak for the name, or against it
         other = spoken_for(first.fitted, {7: 3.0, 9: 1.0})
         base = replace(stage.base_fit, residual=other.residual)
@@ -307,7 +306,7 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
     def tried(n, quoted, accepted=(), to_try=visits_to_try):
         some = data.take(np.arange(data.n) < n)
         stage = SimpleNamespace(data=some, as_recorded=some, base=GROUND)
-        answer = SimpleNamespace(problem=stage, accepted=accepted, singles=(), pairs=())
+        answer = SimpleNamespace(problem=stage, accepted=accepted, tried=())
         return [v.id for v in to_try(answer, quoted)]
 
     assert tried(20, quoted) == [str(v) for v in np.unique(data.visit[:20])]
@@ -352,17 +351,16 @@ def test_where_a_shortlist_would_name_another_everything_is_tried(sagging, monke
     answer, _ = sagging
     stage, given = answer.problem, []
     nothing = replace(answer, accepted=())
-    shortlist = answer.shortlist(answer.accepted, np.zeros(stage.data.n, dtype=bool))
+    shortlist = answer.shortlist(np.zeros(stage.data.n, dtype=bool))
 
     def search(_, shortlist):
         given.append(shortlist)
         return nothing if shortlist and len(given) > 1 else answer
 
     monkeypatch.setattr(loop, "search_to_convergence", search)
-    like = loop.Decided(answer=answer, refuted=(), scored=None)
-    assert loop.decide(stage, False, 0.05, like, shortlist).answer.accepted
+    assert loop.decide(stage, False, 0.05, answer, shortlist).accepted
     assert given == [shortlist]
-    assert loop.decide(stage, False, 0.05, like, shortlist).answer.accepted
+    assert loop.decide(stage, False, 0.05, answer, shortlist).accepted
     assert given == [shortlist, shortlist, None]
 
 
@@ -385,7 +383,7 @@ def test_without_what_spoke_for_it_nothing_is_left_of_an_effect(gone):
     ground, _, _ = set_up(data, GROUND, (), Options())
     rate = ground.options.false_alarm_rate
     like = loop.decide(ground, False, rate)
-    about = like.answer.problem.about
+    about = like.problem.about
     assert about is not None
     assert ("session_gain" in about[0].name) == (gone == "session")
     keep = ground.data.visit != ground.data.visit.max()

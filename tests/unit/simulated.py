@@ -104,19 +104,11 @@ def findings(data, base, parts=(), *, confirm=True, effects=None, **options):
 
 
 def restated(explanation, **fields):
-    """The explanation with other fields, those of its evidence among them: `log_evidence` by both
-    readings of its form.
-    """
-    evidence = explanation.evidence
+    """The explanation with other fields; `log_evidence` by both readings of its form."""
     if "log_evidence" in fields:
         log = fields.pop("log_evidence")
-        over = evidence.over_none
-        evidence = dataclasses.replace(
-            evidence, exact=log, discrepant=log, unnamed=log - over, other_forms=0.0
-        )
+        fields |= {"exact": log, "discrepant": log, "other_forms": 0.0}
+        fields["unnamed"] = log - explanation.over_none
     if "over_none" in fields:
-        unnamed = evidence.log - fields.pop("over_none")
-        evidence = dataclasses.replace(evidence, unnamed=unnamed)
-    own = {n: fields.pop(n) for n in ("exact", "discrepant") if n in fields}
-    evidence = dataclasses.replace(evidence, **own)
-    return dataclasses.replace(explanation, evidence=evidence, **fields)
+        fields["unnamed"] = explanation.log_evidence - fields.pop("over_none")
+    return dataclasses.replace(explanation, **fields)

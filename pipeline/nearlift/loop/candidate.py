@@ -1,22 +1,27 @@
 """Candidate models: a base model with effects as a function of one flat vector, with derivatives
 and weak priors.
+
+A stated zero error of the distance is a parameter of every candidate. Near a boundary the lift is
+far from linear in the distance, so a column of the covariance does not carry it. It is the effect
+`height_offset` with the stated uncertainty as its prior, and belongs to no explanation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import derivative
+from nearlift import catalogue, derivative
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, Prior, compose
+from nearlift.fit import height_error
+from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import needed
 from nearlift.likelihood.subspace import cosines
-from nearlift.loop.datum import DATUM
 from nearlift.loop.families import indicators
 from nearlift.results import IntArray, Observations
 
@@ -28,6 +33,10 @@ WIDE = 4.0
 #: Standard deviations of parameters that differ by session, over that of their prior; the likeliest
 #: is chosen.
 SESSION_SPREADS = (0.1, 0.3, 1.0, 3.0)
+#: Name of the stated zero error of the distance, in place of that of the effect.
+DATUM = "distance_datum"
+#: A search composes the same parts again for each of its visits left out.
+_composed = lru_cache(maxsize=1024)(compose)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,17 +72,19 @@ class Candidate:
         """Names of the effects, or "base"."""
         return " + ".join(e.name for e in self.effects) or "base"
 
+    @property
+    def _parts(self) -> tuple[Effect, ...]:
+        return (*filter(None, (self.datum,)), *self.effects)
+
     @cached_property
     def model(self) -> LiftModel:
         """The composed lift model."""
-        parts = (*filter(None, (self.datum,)), *self.effects)
-        return _composed(self.base, *parts) if parts else self.base
+        return _composed(self.base, *self._parts) if self._parts else self.base
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
         """Layout of the flat vector, the base model's parameters first."""
-        parts = (*filter(None, (self.datum,)), *self.effects)
-        owner = {p.name: e.name for e in parts for p in e.parameters}
+        owner = {p.name: e.name for e in self._parts for p in e.parameters}
         slots, at = [], 0
         for p in self.model.parameters:
             width = int(self.data.session.max()) + 1 if p.per == "session" else 1
@@ -138,14 +149,17 @@ class Candidate:
         Standard deviations of sizes are scaled by `WIDE`, or by `session_spread` where they differ
         by session. Those of the base model are infinite.
         """
-        mean, sd = self.null.copy(), np.full(self.size, np.inf)
-        for s in self.slots:
-            if s.effect:
-                mean[s.start : s.stop], sd[s.start : s.stop] = moments(s.parameter)
-                if s.parameter.per == "session":
-                    sd[s.start : s.stop] *= self.session_spread
-                elif not s.parameter.grid and s.effect != DATUM:
-                    sd[s.start : s.stop] *= WIDE
+
+        def moments_of(s: Slot) -> tuple[float, float]:
+            if not s.effect:
+                return s.parameter.value, np.inf
+            mean, sd = moments(s.parameter)
+            if s.parameter.per == "session":
+                return mean, sd * self.session_spread
+            return mean, sd if s.parameter.grid or s.effect == DATUM else sd * WIDE
+
+        each = np.reshape([moments_of(s) for s in self.slots], (-1, 2))
+        mean, sd = np.repeat(each, self._widths, axis=0).T
         return mean, sd
 
     @cached_property
@@ -158,21 +172,22 @@ class Candidate:
         """Mask of the zero error of the distance, (P,)."""
         return self._each(lambda s: s.effect == DATUM) > 0
 
-    def entries(self, wanted: Callable[[Slot], bool]) -> IntArray:
-        """Indices of the entries of some slots."""
-        return np.flatnonzero(self._each(wanted))
-
     def entries_of(self, effect: str) -> IntArray:
         """Indices of one effect's entries; of the base model's for an empty name."""
-        return self.entries(lambda s: s.effect == effect)
+        return np.flatnonzero(self._each(lambda s: s.effect == effect))
+
+    def sizes(self) -> IntArray:
+        """Indices of the effects' entries that are not shapes."""
+        return np.flatnonzero(
+            self._each(lambda s: s.effect not in ("", DATUM) and not s.parameter.grid)
+        )
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
         """Derivative of log ratio by the vector, (n, P), or (m, n, P) at (m, P); 0 where the ratio
         has no value.
 
-        Central differences in one broadcast call.
-
-        Entries that differ by session step together: each moves the trials of its session alone.
+        Central differences in one broadcast call. Entries that differ by session step together:
+        each moves the trials of its session alone.
         """
         if not self.size:
             return np.zeros((*vector.shape[:-1], self.data.n, 0))
@@ -186,9 +201,7 @@ class Candidate:
         trials = np.arange(self.data.n)
         result = np.zeros((*vector.shape[:-1], self.data.n, self.size))
         for i, s in enumerate(self.slots):
-            entry = s.start + (
-                self.data.session if s.parameter.per == "session" else np.zeros_like(trials)
-            )
+            entry = s.start + self.data.session * (s.parameter.per == "session")
             result[..., trials, entry] = change[..., i, :] / apart[..., entry]
         return np.nan_to_num(result, copy=False)
 
@@ -201,10 +214,6 @@ class Candidate:
                 vector[s.start : s.stop] = value
             yield vector
 
-    def sizes(self) -> IntArray:
-        """Indices of the effects' entries that are not shapes."""
-        return self.entries(lambda s: s.effect not in ("", DATUM) and not s.parameter.grid)
-
     def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
         """Contribution of one effect to log lift at `vector`, (n,); 0 where there is no value."""
         without = vector.copy()
@@ -216,28 +225,26 @@ class Candidate:
         """Columns (n, t) of form uncertainty, unknowns of unit variance: each effect's contribution
         times smooth deformations of relative standard deviation `sd`.
 
-        These run along the covariates of `bends_along`: a true effect rarely scales with speed or
-        distance exactly as its declared form does.
+        These run along the effect's covariate, throttle, and distance unless it acts on force: a
+        true effect rarely scales with speed or distance exactly as its declared form does.
         """
         if sd <= 0:
             return np.zeros((self.data.n, 0))
         data, columns = self.data, []
-        along = {**data.covariates, "z_hat": data.z_hat, "throttle": data.throttle}
+        known = {**data.covariates, "z_hat": data.z_hat, "throttle": data.throttle}
         weight = 1 / np.arange(1, FORM_ORDER + 1)
         weight *= sd * np.sqrt(2 / np.sum(weight**2))
         for effect in self.effects:
             part = self.contribution(vector, effect)[:, None]
-            for name in bends_along(effect):
-                if name in along:
-                    columns.append(part * cosines(along[name], FORM_ORDER) * weight)
+            distance = () if effect.acts_on == "force" else ("z_hat",)
+            for name in dict.fromkeys((effect.varies_with, "throttle", *distance)):
+                if name in known:
+                    columns.append(part * cosines(known[name], FORM_ORDER) * weight)
         return np.hstack([*columns, self.restarts(vector, sd)])
 
     def restarts(self, vector: FloatArray, sd: float) -> FloatArray:
         """Columns (n, t) of unit-variance unknowns: differences between sessions of effects that
-        restart.
-
-        The size of such an effect differs from session to session by a relative standard deviation
-        `sd`.
+        restart, of a relative standard deviation `sd`.
         """
         columns = [np.zeros((self.data.n, 0))]
         for effect in self.effects:
@@ -247,33 +254,12 @@ class Candidate:
         return np.hstack(columns)
 
 
-#: A search composes the same parts again for each of its visits left out.
-_composed = lru_cache(maxsize=1024)(compose)
-
-
-def bends_along(effect: Effect) -> tuple[str, ...]:
-    """Covariates along which an effect's true form may depart from the declared one: its own,
-    throttle, and distance unless it acts on force.
-    """
-    return tuple(
-        dict.fromkeys(
-            (effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))
-        )
-    )
-
-
+@lru_cache(maxsize=1024)
 def moments(parameter: Parameter) -> tuple[float, float]:
     """Mean and standard deviation of a prior; location and scale of a half-normal one."""
     prior = parameter.prior
     if prior.distribution in ("norm", "halfnorm"):
         return prior.loc, prior.scale
-    if prior.distribution == "uniform":
-        return prior.loc + prior.scale / 2, prior.scale / np.sqrt(12)
-    return _by_scipy(prior)
-
-
-@lru_cache(maxsize=256)
-def _by_scipy(prior: Prior) -> tuple[float, float]:
     frozen = prior.frozen()
     return float(frozen.mean()), float(frozen.std())
 
@@ -293,3 +279,26 @@ def library_columns(
             if np.any(columns):
                 library.append((effect, columns))
     return library
+
+
+def is_datum(part: Component) -> bool:
+    """Whether a stated uncertainty is of the distance of all trials."""
+    return part.on == "height" and part.standard > 0 and part.scope in ("boundary", "campaign")
+
+
+def stated_datum(parts: Iterable[Component], model: LiftModel, data: Observations) -> Effect | None:
+    """The zero error of the distance as an effect, within bounds that move no trial through the
+    boundary; None where no uncertainty is stated.
+    """
+    stated = [part for part in parts if is_datum(part)]
+    if not stated:
+        return None
+    effect, sd = catalogue.effect("height_offset"), height_error.standard_m(stated)
+    (offset,) = effect.parameters
+    low, high = offset.bounds
+    offset = replace(
+        offset,
+        prior=Prior(distribution="norm", scale=sd),
+        bounds=(max(low, -height_error.room_m(model, data)), high),
+    )
+    return replace(effect, name=DATUM, parameters=(offset,))

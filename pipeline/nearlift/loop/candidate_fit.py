@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -10,14 +12,18 @@ from nearlift.declare import Effect, FloatArray
 from nearlift.fit import solver
 from nearlift.likelihood.problem import Likelihood
 from nearlift.loop.candidate import Candidate
-from nearlift.loop.starts import Starts
+from nearlift.results import IntArray
 
 #: Effects with their flat vector, fitted or assumed: the base model's entries, then their own.
 Point = tuple[tuple[Effect, ...], FloatArray]
+#: A vector to first order, (P,), and the vector of the same shapes without effects.
+Start = tuple[FloatArray, FloatArray]
 #: Maximum number of bisections of a start beyond a pole towards the null.
 HALVINGS = 8
-#: Gain in the objective by a step below which a candidate's fit ends: evidences differ by units.
-ENOUGH = 1e-3
+#: Gain in the objective by a step below which a search ends: evidences differ by units.
+SUFFICIENT_GAIN = 1e-3
+#: Added to the diagonal of a normal matrix of unit diagonal, so that it has an inverse.
+RIDGE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +60,8 @@ class Fitted:
     @property
     def datum_chi2(self) -> float:
         """Squared zero error of the distance over its stated uncertainty."""
-        candidate = self.candidate
-        mean, sd = candidate.prior
-        return float(np.sum((((self.vector - mean) / sd)[candidate.at_datum]) ** 2))
+        mean, sd = self.candidate.prior
+        return float(np.sum((((self.vector - mean) / sd)[self.candidate.at_datum]) ** 2))
 
     @property
     def chi2(self) -> float:
@@ -81,37 +86,57 @@ def inverse(information: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
 
 
+def minima(
+    candidate: Candidate,
+    log_lift: FloatArray,
+    starts: FloatArray,
+    project: Callable[[FloatArray, IntArray], FloatArray],
+    gain: float = 0.0,
+) -> FloatArray:
+    """Vectors (m, P) of penalised least squares of log lift (n,) from `starts` (m, P).
+
+    `project` whitens its first argument (k, c, n) with L_inf projected out; the second has the k
+    indices of the starts. A search ends where a step gains less than `gain`.
+    """
+
+    def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
+        return project((log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
+
+    def derivatives(vectors: FloatArray, rows: IntArray) -> FloatArray:
+        return -project(candidate.jacobian(vectors).swapaxes(1, 2), rows)
+
+    system = solver.System(residuals, derivatives).penalised(*candidate.prior)
+    return solver.minimise(system, starts, candidate.bounds, enough=gain).theta
+
+
 def fit(candidate: Candidate, space: Likelihood, log_lift: FloatArray, start: FloatArray) -> Fitted:
     """Penalised least squares from `start` (P,); `space` whitens and projects out L_inf."""
-    return _fits(candidate, space, log_lift, start[None])[0]
+    return fits(candidate, space, log_lift, start)[0]
 
 
-def _fits(
-    candidate: Candidate, space: Likelihood, log_lift: FloatArray, starts: FloatArray
+def fits(
+    candidate: Candidate, space: Likelihood, log_lift: FloatArray, *starts: FloatArray
 ) -> list[Fitted]:
-    """Penalised least squares of log lift (n,) from each of `starts` (m, P), all at once."""
-    bounds, (mean, sd) = candidate.bounds, candidate.prior
-
-    def residuals(vectors: FloatArray) -> FloatArray:
-        return space.project(log_lift - candidate.log_ratio(vectors))
-
-    def derivatives(vectors: FloatArray) -> FloatArray:
-        return -space.project(candidate.jacobian(vectors).swapaxes(1, 2))
-
-    best = np.clip(starts, *bounds)
+    """Penalised least squares from each of `starts` (P,), the best first."""
+    mean, sd = candidate.prior
+    vectors = np.clip(starts, *candidate.bounds)
     if candidate.size:
-        system = solver.System(lambda v, _: residuals(v), lambda v, _: derivatives(v))
-        best = solver.minimise(system.penalised(mean, sd), best, bounds, enough=ENOUGH).theta
-    return [
+        vectors = minima(
+            candidate, log_lift, vectors, lambda x, _: space.project(x), SUFFICIENT_GAIN
+        )
+    fitted = [
         Fitted(
             candidate=candidate,
             space=space,
             vector=vector,
-            residual=r,
+            residual=residual,
             penalty=float(np.sum(((vector - mean) / sd) ** 2)),
         )
-        for vector, r in zip(best, residuals(best), strict=True)
+        for vector, residual in zip(
+            vectors, space.project(log_lift - candidate.log_ratio(vectors)), strict=True
+        )
     ]
+    return sorted(fitted, key=lambda f: np.nan_to_num(f.cost, nan=np.inf))
 
 
 def search(candidate: Candidate, starts: Starts, log_lift: FloatArray) -> Fitted:
@@ -125,18 +150,89 @@ def optima(candidate: Candidate, starts: Starts, log_lift: FloatArray) -> list[F
     A start beyond a pole of the model, where some trial has no predicted value, is bisected towards
     the null. If that does not help, the result's chi2 is nan.
     """
-    vectors = [
-        _short_of_pole(candidate, start.vector, start.null)
-        for start in starts.ranked(candidate, log_lift)[:2]
-    ]
-    fits = _fits(candidate, starts.space, log_lift, np.array(vectors))
-    return sorted(fits, key=lambda f: np.nan_to_num(f.cost, nan=np.inf))
+    vectors = []
+    for vector, null in starts.ranked(candidate, log_lift)[:2]:
+        for _ in range(HALVINGS):
+            if np.isfinite(candidate.log_ratio(np.clip(vector, *candidate.bounds))).all():
+                break
+            vector = (vector + null) / 2
+        vectors.append(vector)
+    return fits(candidate, starts.space, log_lift, *vectors)
 
 
-def _short_of_pole(candidate: Candidate, start: FloatArray, null: FloatArray) -> FloatArray:
-    """The start, or the first of the midpoints towards `null` at which every trial has a value."""
-    for _ in range(HALVINGS):
-        if np.isfinite(candidate.log_ratio(np.clip(start, *candidate.bounds))).all():
-            break
-        start = (start + null) / 2
-    return start
+class Starts:
+    """First-order fits about the coefficients `theta` (p,) of the base model that `base`, a
+    candidate without effects, holds; `space` whitens and projects out L_inf.
+
+    At size zero effects do not interact. A candidate's first-order columns are therefore those of
+    its effects, and all candidates share them and their products.
+    """
+
+    def __init__(self, space: Likelihood, base: Candidate, theta: FloatArray) -> None:
+        self.space, self.base, self.theta = space, base, theta
+        columns = space.project(base.jacobian(theta).T)[None]
+        # by effect: its entries at each shape (m, entries), and whitened columns (m, k, n)
+        self._signatures: dict[Effect | None, Start] = {None: (np.zeros((1, 0)), columns)}
+        self._products: dict[tuple[Effect | None, Effect | None], FloatArray] = {}
+
+    def _signature(self, effect: Effect) -> Start:
+        if effect not in self._signatures:
+            alone, p = replace(self.base, effects=(effect,)), len(self.theta)
+            shapes = np.array([*alone.shapes()])
+            shapes[:, :p] = self.theta
+            sizes = alone.sizes()
+            each = [self.space.project(alone.jacobian(shape).T[sizes]) for shape in shapes]
+            self._signatures[effect] = shapes[:, p:], np.array(each)
+        return self._signatures[effect]
+
+    def _product(self, one: Effect | None, two: Effect | None) -> FloatArray:
+        """Products of the columns of two effects, None the base model's, (m, m', k, k')."""
+        if (one, two) not in self._products:
+            a, b = (self._signatures[e][1] for e in (one, two))
+            flat = a.reshape(-1, a.shape[-1]) @ b.reshape(-1, b.shape[-1]).T
+            self._products[one, two] = flat.reshape(*a.shape[:2], *b.shape[:2]).swapaxes(1, 2)
+        return self._products[one, two]
+
+    def ranked(self, candidate: Candidate, log_lift: FloatArray) -> list[Start]:
+        """First-order fits of a candidate to log lift (n,), one for each combination of shapes, the
+        best first.
+        """
+        effects = [None, *candidate.effects]
+        each = [self._signatures[None], *map(self._signature, candidate.effects)]
+        shape = np.array([*product(*(range(len(shapes)) for shapes, _ in each))])
+        ends = np.cumsum([0, *(columns.shape[1] for _, columns in each)])
+        places = [slice(a, b) for a, b in pairwise(ends)]
+        residual = self.space.project(log_lift - self.base.log_ratio(self.theta))
+        normal, along = np.empty((len(shape), ends[-1], ends[-1])), np.empty((len(shape), ends[-1]))
+        p, null = len(self.theta), np.tile(candidate.null, (len(shape), 1))
+        null[:, :p] = self.theta
+        for i, (effect, (shapes, columns)) in enumerate(zip(effects, each, strict=True)):
+            mine = places[i]
+            along[:, mine] = (columns @ residual)[shape[:, i]]
+            for j, theirs in enumerate(places[: i + 1]):
+                block = self._product(effect, effects[j])[shape[:, i], shape[:, j]]
+                normal[:, mine, theirs] = block
+                normal[:, theirs, mine] = block.swapaxes(1, 2)
+            if effect:
+                null[:, candidate.entries_of(effect.name)] = shapes[shape[:, i]]
+        active = np.r_[np.arange(p), candidate.sizes()]
+        mean, sd = (x[active] for x in candidate.prior)
+        weight2, diagonal = 1 / sd**2, np.arange(len(active))
+        chi2_of = normal.copy()
+        normal[:, diagonal, diagonal] += weight2
+        length = np.sqrt(normal[:, diagonal, diagonal])
+        length = np.where(length > 0, length, 1.0)
+        scaled = normal / (length[:, :, None] * length[:, None, :])
+        scaled[:, diagonal, diagonal] += RIDGE
+        pull = along + weight2 * (mean - null[:, active])
+        moved = np.linalg.solve(scaled, (pull / length)[:, :, None])[:, :, 0] / length
+        vector = null.copy()
+        vector[:, active] += moved
+        cost = (
+            residual @ residual
+            + np.einsum("ci,cij,cj->c", moved, chi2_of, moved)
+            - 2 * np.sum(moved * along, axis=1)
+            + np.sum(weight2 * (vector[:, active] - mean) ** 2, axis=1)
+        )
+        order = np.argsort(np.nan_to_num(cost, nan=np.inf), kind="stable")
+        return [(vector[c], null[c]) for c in order]

@@ -1,25 +1,24 @@
 """The model's coefficients before and after, with three intervals that answer three different
-questions.
+questions, and lift far from the boundary.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nearlift.declare import Effect, FloatArray
+from nearlift.declare import FloatArray
 from nearlift.fit import information
 from nearlift.likelihood import student
-from nearlift.likelihood.subspace import left_singular, orthonormal
+from nearlift.likelihood.subspace import left_singular
 from nearlift.loop import confirmation, discrepancy, few_visits, weigh
 from nearlift.loop.candidate import WIDE
 from nearlift.loop.candidate_fit import Fitted, inverse
-from nearlift.loop.power import size_parameters
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
-from nearlift.results.outlook import SilentEffect
+from nearlift.results.estimate import Estimate
 
 #: Least probability with which a refused explanation is part of an `unexplained` interval.
 LEAST_REFUSED = 0.05
@@ -48,11 +47,12 @@ def joint(
     return np.clip(fitted.vector + step, *fitted.candidate.bounds), covariance
 
 
-def spread(
-    problem: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray]:
+def spread(problem: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None) -> Pair:
     """Value and standard uncertainty of the base model's coefficients at a fit; as `joint`."""
-    value, covariance = joint(problem, fitted, nuisance)
+    return _of_base(problem, *joint(problem, fitted, nuisance))
+
+
+def _of_base(problem: SearchProblem, value: FloatArray, covariance: FloatArray) -> Pair:
     p = len(problem.theta)
     return value[:p], np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
 
@@ -62,18 +62,16 @@ def constrained_columns(problem: SearchProblem, chosen: tuple[str, ...]) -> Floa
     columns (n, t).
     """
     columns = [np.zeros((problem.data.n, 0))]
-    for effect in {e.name: e for e, _ in problem.library}.values():
+    for effect in problem.known_effects:
         if effect.name in chosen:
             continue
         candidate = problem.candidate(effect)
-        _, sd = candidate.prior
-        sizes = candidate.sizes()
+        sd, sizes = candidate.prior[1], candidate.sizes()
         # a search grants more than is physical, but for what differs by session
         physical = np.where(candidate.by_session, sd, sd / WIDE)[sizes]
         shapes = [c for e, c in problem.library if e.name == effect.name]
         # one unknown size whose shape is unknown too: each shape carries its share of the variance
-        for c in shapes:
-            columns.append(c * physical / np.sqrt(len(shapes)))
+        columns += [c * physical / np.sqrt(len(shapes)) for c in shapes]
     return np.hstack(columns)
 
 
@@ -132,26 +130,25 @@ class Answers:
 
     def readings(self, i: int) -> list[student.Mixture]:
         """Coefficient i over all members, and by the best answer if that is exactly true."""
-        value, u = self.conditional
         over_all = tuple(
             (float(p), float(v[i]), float(s[i]))
             for p, (_, (v, s)) in zip(self.weights, self.members, strict=True)
         )
-        return [*dict.fromkeys([over_all, ((1.0, float(value[i]), float(u[i])),)])]
+        return [*dict.fromkeys([over_all, self._alone(i, self.conditional)])]
 
     def estimates(self) -> LoopCoefficients:
         """The coefficients without and with the named effects."""
         before, after = {}, {}
         for i, name in enumerate(self.names):
-            low, high = self._interval90(i, self.before)
+            low, high = self._interval90(i, self._alone(i, self.before))
             before[name] = LoopEstimate(value=self.before[0][i], lo90=low, hi90=high)
-            low, high = self._ends90(i, self.readings(i))
+            low, high = self._interval90(i, *self.readings(i))
             after[name] = LoopEstimate(
                 value=self.value[i],
                 lo90=low,
                 hi90=high,
-                conditional=self._interval90(i, self.conditional),
-                constrained=self._interval90(i, self.constrained),
+                conditional=self._interval90(i, self._alone(i, self.conditional)),
+                constrained=self._interval90(i, self._alone(i, self.constrained)),
             )
         return LoopCoefficients(before=before, after=after, carried=self.carried)
 
@@ -160,10 +157,11 @@ class Answers:
         low, high = student.interval(0.9, self.readings(i), float(self.dof[i]))
         return high - low
 
-    def _interval90(self, i: int, pair: Pair) -> tuple[float, float]:
-        return self._ends90(i, [((1.0, float(pair[0][i]), float(pair[1][i])),)])
+    @staticmethod
+    def _alone(i: int, pair: Pair) -> student.Mixture:
+        return ((1.0, float(pair[0][i]), float(pair[1][i])),)
 
-    def _ends90(self, i: int, readings: list[student.Mixture]) -> tuple[float, float]:
+    def _interval90(self, i: int, *readings: student.Mixture) -> tuple[float, float]:
         interval = student.interval(0.9, readings, float(self.dof[i]))
         low, high = np.clip(interval, *self.bounds[i]).tolist()
         return low, high
@@ -173,16 +171,12 @@ def answers(answer: Answer) -> Answers:
     """Coefficients before and after the loop; where visits are few, with jackknife uncertainties
     over visits.
     """
-    problem, best, p = answer.problem, answer.best, len(answer.problem.theta)
+    problem, best = answer.problem, answer.best
 
-    def known_by(fitted: Fitted, form_discrepancy: FloatArray | None = None) -> Pair:
+    def known_by(fitted: Fitted, nuisance: FloatArray | None = None) -> Pair:
         if not problem.independent:
-            return joint(problem, fitted, form_discrepancy)
+            return joint(problem, fitted, nuisance)
         return fitted.vector, confirmation.jackknife(few_visits.without_each(problem, fitted))
-
-    def coefficients(known: Pair) -> Pair:
-        value, covariance = known
-        return value[:p], np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
 
     carried: tuple[str, ...] = ()
     unnamed = np.zeros((problem.data.n, 0))
@@ -198,27 +192,35 @@ def answers(answer: Answer) -> Answers:
         refused = [
             (e, p.probability)
             for p in answer.probabilities
-            for e in (*answer.singles, *answer.pairs)
+            for e in answer.tried
             if p.effects == e.effects and p.probability >= LEAST_REFUSED
         ]
         fits += [(e.name, e.fitted, e.form_discrepancy) for e, _ in refused]
         shares = np.array([p for _, p in refused])
         weights = np.r_[1 - shares.sum(), shares]
-    known = [known_by(fitted, form_discrepancy) for _, fitted, form_discrepancy in fits]
-    members = tuple((name, coefficients(k)) for (name, _, _), k in zip(fits, known, strict=True))
-    chosen = answer.accepted[0].effects if answer.accepted else ()
-    unseen = np.hstack([fits[0][2], constrained_columns(problem, chosen)])
+    known = [known_by(fitted, nuisance) for _, fitted, nuisance in fits]
+    members = tuple(
+        (name, _of_base(problem, *k)) for (name, _, _), k in zip(fits, known, strict=True)
+    )
+    unseen = np.hstack([fits[0][2], constrained_columns(problem, answer.named)])
     exactly, constrained = spread(problem, best), spread(problem, best, unseen)
     if problem.independent:
         # the jackknife over visits does not show the variance from undetected effects
         value, u = members[0][1]
         hidden = np.maximum(constrained[1] ** 2 - exactly[1] ** 2, 0.0)
         constrained = value, np.sqrt(u**2 + hidden)
+        dof = np.full(len(u), few_visits.freedom(problem))
+    else:
+        space, theta = problem.whitening(problem.parts, problem.slope), problem.theta
+        p, g = len(theta), np.zeros((0, problem.data.n))
+        if p:
+            g = information.gain(space, problem.base_fit.vector[:p])
+        dof = information.freedom(space, g, problem.parts, problem.noise, problem.slope)
     return Answers(
         names=tuple(q.name for q in problem.base.parameters),
         bounds=tuple(q.bounds for q in problem.base.parameters),
-        dof=np.full(p, few_visits.freedom(problem)) if problem.independent else _freedom(problem),
-        before=coefficients(known_by(problem.base_fit)),
+        dof=dof,
+        before=_of_base(problem, *known_by(problem.base_fit)),
         members=members,
         weights=weights,
         conditional=members[0][1] if carried or problem.independent else exactly,
@@ -229,65 +231,33 @@ def answers(answer: Answer) -> Answers:
     )
 
 
-def _freedom(problem: SearchProblem) -> FloatArray:
-    """Effective degrees of freedom of the base fit's coefficients, (p,)."""
-    g = np.zeros((0, problem.data.n))
-    space = problem.whitening(problem.parts, problem.slope)
-    if len(problem.theta):
-        g = information.gain(space, problem.base_fit.vector[: len(problem.theta)])
-    return information.freedom(space, g, problem.parts, problem.noise, problem.slope)
+def far_lift(problem: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> dict[float, Estimate]:
+    """L_inf at each throttle, in the average conditions of the trials at that throttle.
 
-
-def silent(
-    problem: SearchProblem, effects: tuple[Effect, ...], limit: float
-) -> tuple[SilentEffect, ...]:
-    """Effects that the coefficients and L_inf absorb, and the bias by undetected ones.
-
-    `bias_at_detection_limit` is the shift of the headline coefficient in its own standard
-    uncertainties. The effect is at the detection limit (non-centrality 16), or at its physical
-    prior's size if it can never be detected. `u` is that uncertainty, of the base fit under the
-    loop's noise floor; the one in fit.json has the noise of repeats.
+    Effects that act far away, such as a sagging supply, are included at their mean over those
+    trials. `nuisance` (n, t) are columns of further unit-variance unknowns. Where trials count as
+    independent, the uncertainty is that of a sum over whole visits (a sandwich estimate).
     """
-    if not problem.base.parameters:
-        return ()
-    names = [p.name for p in problem.base.parameters]
-    space = problem.whitening(problem.parts, problem.slope)
-    jacobian = space.project(problem.base_fit.candidate.jacobian(problem.base_fit.vector).T).T
-    jacobian = jacobian[:, : len(names)]
-    basis, covariance = orthonormal(jacobian), inverse(jacobian.T @ jacobian)
-    u = np.sqrt(np.diag(covariance))
-
-    def described(effect: Effect, by: str, share: float, bias: float, hidden: bool) -> SilentEffect:
-        return SilentEffect(
-            effect=effect.name,
-            absorbed_by=by,
-            share_visible=share,
-            bias_at_detection_limit=bias,
-            in_units_of=f"u({names[0]})",
-            u=float(u[0]),
-            u_of="base fit, noise floor of the loop",
-            hidden=hidden,
-        )
-
-    unseen = []
-    for effect in effects:
-        if effect not in problem.effects and not effect.within_trial:
-            unseen.append(described(effect, "L_inf", 0.0, 0.0, hidden=True))
-        columns = [c for e, c in problem.library if e.name == effect.name and c.shape[1] == 1]
-        if not columns:
-            continue
-        white = space.project(columns[0].T).T[:, 0]
-        if np.linalg.norm(white) == 0:
-            continue
-        share = problem.visibility(effect)
-        left = white - basis @ (basis.T @ white)
-        shift = covariance @ jacobian.T @ white / u
-        most = int(np.argmax(np.abs(shift)))
-        hidden, size = share < limit, size_parameters(effect)[0].plausible
-        if not hidden:
-            size = min(4.0 / max(float(np.linalg.norm(left)), 1e-300), size)
-        if hidden or abs(shift[most]) * size > 1.0:
-            unseen.append(
-                described(effect, names[most], share, float(abs(shift[0]) * size), hidden)
-            )
-    return tuple(sorted(unseen, key=lambda f: -f.bias_at_detection_limit))
+    data, candidate, vector = problem.data, fitted.candidate, fitted.vector
+    far = replace(candidate, data=replace(data, z_hat=np.full(data.n, np.inf)))
+    design = np.hstack([data.level_design, candidate.jacobian(vector), nuisance])
+    free, none = data.unknown_levels, np.zeros(nuisance.shape[1])
+    sd = np.concatenate([np.full(free, np.inf), candidate.prior[1], none + 1])
+    white = problem.space.covariance.whiten(design.T).T
+    covariance = inverse(white.T @ white + np.diag(1 / sd**2))
+    if problem.independent:
+        visits, visit = np.unique(data.visit, return_inverse=True)
+        scores = np.zeros((len(visits), len(covariance)))
+        np.add.at(scores, visit, white * fitted.residual[:, None])
+        scores *= np.sqrt(len(visits) / max(len(visits) - 1, 1))
+        covariance = covariance @ scores.T @ scores @ covariance
+    levels = problem.space.best_levels(problem.log_lift - candidate.log_ratio(vector))
+    change, slope = np.nan_to_num(far.log_ratio(vector)), far.jacobian(vector)
+    by_throttle = {}
+    for k, (throttle, shown) in enumerate(zip(data.levels, data.shown(np.eye(free)), strict=True)):
+        here = data.level == k
+        weight = np.concatenate([shown, slope[here].mean(axis=0), none])
+        value = float(np.exp(shown @ levels + change[here].mean()))
+        u = value * float(np.sqrt(weight @ covariance @ weight))
+        by_throttle[float(throttle)] = Estimate(value=value, u=u)
+    return by_throttle

@@ -1,19 +1,23 @@
-"""Cross-validation by visits: the whole search repeated without some visits and scored on them."""
+"""Cross-validation by visits: the whole search repeated without some visits and scored on them.
+
+A base model without structure must predict held-out visits within the noise, with shared errors as
+large as stated.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood import budget, student
-from nearlift.likelihood.noise import trial_covariance
-from nearlift.loop.candidate_fit import Fitted, search
-from nearlift.loop.search import Answer, run
+from nearlift.likelihood.noise import floor, trial_covariance
+from nearlift.likelihood.subspace import orthonormal
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.search import Answer, HeldOut, run
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Noise, Observations
 from nearlift.results.diagnosis import HeldOutRmse, LoopError
@@ -24,28 +28,9 @@ FOLDS = 3
 FEW_VISITS = 15
 #: Absolute value at which whitened residuals are clipped, in standard deviations.
 OUTLIER = 4.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
-    """Relative held-out residuals of every trial, nan where it cannot be predicted.
-
-    `before` is by the base model, `after` by the answer of each fold's search (`chosen`). `named`
-    is by the explanation found in all visits, refitted in each fold. `visit` holds the `blocks`.
-    """
-
-    before: FloatArray
-    after: FloatArray
-    named: FloatArray
-    visit: IntArray
-    chosen: tuple[str, ...]
-
-    @property
-    def predicted(self) -> NDArray[np.bool_]:
-        """Mask of the trials that could be predicted."""
-        return np.isfinite(self.before) & np.isfinite(self.after)
-
-
+#: Significance level of the test of held-out visits against the noise, one-sided, and of that of
+#: each stated uncertainty against its estimate, two-sided.
+SIGNIFICANCE = 0.01
 #: Called as a fold begins, with its index from 0 and the number of folds.
 Progress = Callable[[int, int], None]
 
@@ -63,18 +48,14 @@ def folds(data: Observations) -> list[NDArray[np.bool_]]:
     """Masks of the trials held out, whole `blocks` each, stratified by distance; one block each
     where blocks are few.
     """
-    block = blocks(data)
-    visits, first = np.unique(block, return_index=True)
+    visits, first, index = np.unique(blocks(data), return_index=True, return_inverse=True)
     if len(visits) <= FEW_VISITS:
-        return [block == v for v in visits]
-    turn = np.zeros(len(visits), dtype=int)
-    z = data.z_hat[first]
+        return [index == v for v in range(len(visits))]
+    turn, z = np.zeros(len(visits), dtype=int), data.z_hat[first]
     for offset, station in enumerate(np.unique(z)):
         mine = np.flatnonzero(z == station)
         turn[mine] = (np.arange(len(mine)) + offset) % FOLDS
-    fold = dict(zip(visits.tolist(), turn.tolist(), strict=True))
-    label = np.array([fold[v] for v in block.tolist()])
-    return [label == f for f in range(FOLDS)]
+    return [turn[index] == f for f in range(FOLDS)]
 
 
 def held_out(
@@ -110,11 +91,8 @@ def held_out(
             answer = again(part)
             part, best = answer.problem, answer.best
             chosen.append(answer.accepted[0].name if answer.accepted else answer.verdict)
-        mine = (
-            best
-            if best and best.candidate.effects == named
-            else search(part.candidate(*named), part.starts, part.log_lift)
-        )
+        same = best and best.candidate.effects == named
+        mine = best if best and same else part.best_fit(*named)
         there = data.take(known)
         for residual, fitted in ((before, part.base_fit), (by_name, mine), (after, best or mine)):
             residual[known] = held_out_residuals(
@@ -184,15 +162,12 @@ def each_helps(problem: SearchProblem, scored: HeldOut, named: tuple[Effect, ...
 
     A second effect that only imitates an error of the first one's form makes predictions worse.
     """
-    if len(named) < 2:
-        return True
-    together = misfit(problem, problem.assumed_noise, scored, scored.named).sum()
-    for effect in named:
-        others = tuple(e for e in named if e is not effect)
-        alone = held_out(problem, None, others)
-        if misfit(problem, problem.assumed_noise, scored, alone.named).sum() <= together:
-            return False
-    return True
+
+    def total(residual: FloatArray) -> float:
+        return float(misfit(problem, problem.assumed_noise, scored, residual).sum())
+
+    others = [tuple(e for e in named if e is not effect) for effect in named if len(named) > 1]
+    return all(total(held_out(problem, None, o).named) > total(scored.named) for o in others)
 
 
 def misfit(
@@ -206,6 +181,53 @@ def misfit(
     variance = budget.own_variance(data, problem.parts, slope)
     covariance = trial_covariance(data, noise, slope, None, variance)
     return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
+
+
+def contradictions(problem: SearchProblem, scored: HeldOut | None) -> tuple[str, ...]:
+    """Contradictions of an adequate base model, in words; `scored` are held-out residuals."""
+    return (*_floor_missed(problem, scored), *_strained(problem))
+
+
+def _floor_missed(problem: SearchProblem, scored: HeldOut | None) -> list[str]:
+    """One-sided t test over visits of the held-out `misfit` against what noise would make it."""
+    from scipy.stats import t
+
+    if scored is None:
+        return []
+    _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
+    # a stated uncertainty frees as much as the trials determine of it
+    declared = problem.space.project(declared_errors(problem).T)
+    free = problem.data.unknown_levels + len(problem.start) + np.sum(declared**2)
+    left = misfit(problem, problem.noise, scored, scored.before)
+    beyond = np.bincount(visit, left - 1 - free / max(problem.data.n - free, 1))
+    blocks = len(beyond)
+    if blocks < 3 or beyond.sum() <= t.isf(SIGNIFICANCE, blocks - 1) * np.sqrt(blocks) * beyond.std(
+        ddof=1
+    ):
+        return []
+    error = float(np.sqrt(np.mean(scored.before[scored.predicted] ** 2)))
+    noise = floor(problem.data, problem.noise, problem.slope)
+    text = f"visits left out are predicted to {100 * error:.2g} %, where the noise floor is"
+    return [f"{text} {100 * noise:.2g} %"]
+
+
+def _strained(problem: SearchProblem) -> list[str]:
+    """Two-sided z test of each shared error's estimate, by Bonferroni where it has several."""
+    from scipy.stats import norm
+
+    # a fit of few visits leaves the shared errors out of its covariance
+    problem = dataclasses.replace(problem, independent=False)
+    absorbed, base = orthonormal(problem.base_fit.jacobian), problem.base_fit
+    residual = base.residual - absorbed @ (absorbed.T @ base.residual)
+    offsets = [("the distance datum", np.array([base.datum_chi2**0.5]))]
+    for part in problem.linear_parts:
+        columns = budget.columns(problem.data, part, problem.slope)
+        offsets.append((part.name, np.abs(problem.space.project(columns.T) @ residual)))
+    return [
+        f"{name} is off by {each.max():.2g} of its stated standard uncertainties"
+        for name, each in offsets
+        if each.max(initial=0.0) > norm.isf(SIGNIFICANCE / 2 / max(len(each), 1))
+    ]
 
 
 def jackknife(without: FloatArray) -> FloatArray:
@@ -240,26 +262,32 @@ def log_rms(
     return middle, student.quantile(0.95, len(squares) - 1.0) * u
 
 
-def error(answer: Answer, scored: HeldOut, noise_floor: float) -> LoopError:
-    """Held-out errors before and after the loop, with their change where effects are named."""
+def error(answer: Answer, noise_floor: float) -> LoopError | None:
+    """Held-out errors before and after the loop, with their change where effects are named; None
+    without cross-validation.
+    """
+    scored, named = answer.scored, answer.verdict == "effect"
+    if scored is None:
+        return None
     keep = scored.predicted
-    visit, before, after = scored.visit[keep], scored.before[keep], scored.after[keep]
+    visit, before = scored.visit[keep], scored.before[keep]
+    # without a named effect the base model predicts, and nothing changes
+    after = scored.after[keep] if named else before
 
     def rmse(residual: FloatArray) -> HeldOutRmse:
         middle, half = log_rms(visit, residual)
         value, low, high = np.exp([middle, middle - half, middle + half]).tolist()
         return HeldOutRmse(held_out_rmse=value, lo90=low, hi90=high)
 
-    changed, named = None, answer.verdict == "effect"
+    changed = None
     if named:
         middle, half = log_rms(visit, after, before)
         value, low, high = np.expm1([middle, middle - half, middle + half]).tolist()
         changed = Estimate(value=value, lo90=low, hi90=high)
-    # without a named effect the base model predicts, and nothing changes
     return LoopError(
         noise_floor=noise_floor,
         before=rmse(before),
-        after=rmse(after if named else before),
+        after=rmse(after),
         change=changed,
         held_out_trials=int(keep.sum()),
         chosen_in_folds=tuple(scored.chosen),

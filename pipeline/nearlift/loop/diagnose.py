@@ -5,7 +5,6 @@ and the coefficients and errors before and after.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,36 +21,25 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.likelihood.variance_components import PRIORS
 from nearlift.loop import (
-    absorption,
-    adequacy,
     coefficients,
     confirmation,
     few_visits,
+    findings,
+    limits,
+    result,
     separation,
     stability,
+    within_trial,
 )
 from nearlift.loop.admission import admit, could_act, few
-from nearlift.loop.candidate import library_columns
+from nearlift.loop.candidate import library_columns, stated_datum
 from nearlift.loop.confirmation import Progress, ignore_progress
-from nearlift.loop.datum import stated_datum
-from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import exceed_levels
-from nearlift.loop.far_lift import far_lift
-from nearlift.loop.findings import (
-    accepted_explanation,
-    beyond_bounds,
-    named_effects,
-    partial,
-    rounds,
-    structure_tests,
-)
 from nearlift.loop.interim import InterimLook
-from nearlift.loop.noise_floor import MANY, prepare
+from nearlift.loop.noise_floor import LARGE_CAMPAIGN, prepare
 from nearlift.loop.predictions import sensitivity
-from nearlift.loop.result import posterior_density, result
 from nearlift.loop.search import Answer, Shortlist, run, search_to_convergence
 from nearlift.loop.search_problem import SILENT, Options, SearchProblem
-from nearlift.loop.within_trial import heating
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
@@ -100,7 +88,7 @@ def diagnose(
     parts : tuple of Component
         The declared uncertainty budget: errors of declared size are not structure.
     options : Options
-        Seed, false-alarm rate, form uncertainty and correction for multiplicity.
+        Seed, false-alarm rate, form uncertainty and what is not feasible.
     effects : tuple of Effect or None
         The library; the catalogue's if None.
     confirm : bool
@@ -118,147 +106,111 @@ def diagnose(
     """
     ground, library, untestable = set_up(data, base, parts, options, effects)
     rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
-    decided = decide(ground, confirm, rate, progress=progress)
+    answer = decide(ground, confirm, rate, progress=progress)
 
-    def described(decided: Decided) -> LoopDiagnosis:
-        return _described(decided, library, untestable, look)
+    def described(answer: Answer) -> LoopDiagnosis:
+        return _described(answer, library, untestable, look)
 
-    result = described(decided)
+    diagnosis = described(answer)
     if not confirm:
-        return result
-
-    def without(label: NDArray[Any], like: Decided) -> Callable[[str], stability.Without | None]:
-        return lambda one: _without(ground, label != one, rate, like)
-
-    answer, quoted = decided.answer, result.quoted
-    to_try = stability.visits_to_try(answer, quoted)
+        return diagnosis
+    quoted, like, data = diagnosis.quoted, answer, ground.data
     visits = stability.without_visits(
-        answer, quoted, without(ground.data.visit.astype(str), decided), to_try
+        answer,
+        quoted,
+        lambda visit: _without(ground, data.visit.astype(str) != visit, rate, like),
+        stability.visits_to_try(answer, quoted),
     )
-    against = stability.contradicting(quoted, visits)
+    against = tuple(stability.contradicting(quoted, visits))
     if answer.verdict == "adequate" and look is None and against:
-        decided = dataclasses.replace(
-            decided, answer=dataclasses.replace(answer, contradicted=tuple(against))
-        )
-        result = described(decided)
-        more = result.quoted.coefficients[quoted.headline].value
-        less = quoted.coefficients[quoted.headline].value
-        quoted = result.quoted
+        answer = dataclasses.replace(answer, contradicted=against)
+        diagnosis = described(answer)
+        name = quoted.headline
+        less, more = (q.coefficients[name].value for q in (quoted, diagnosis.quoted))
+        quoted = diagnosis.quoted
         visits = [(dataclasses.replace(v, shift=v.shift + less - more), w) for v, w in visits]
     quoted = stability.with_decisive_trial(
         quoted,
-        without(ground.data.trial, decided),
-        stability.trials_to_try(decided.answer, quoted),
+        lambda trial: _without(ground, data.trial != trial, rate, answer),
+        stability.trials_to_try(answer, quoted),
     )
     quoted = stability.with_decisive_visits(quoted, visits)
-    return dataclasses.replace(result, quoted=quoted)
+    return dataclasses.replace(diagnosis, quoted=quoted)
 
 
 def _described(
-    decided: Decided,
+    answer: Answer,
     library: tuple[Effect, ...],
     untestable: tuple[UntestableEffect, ...],
     look: InterimLook | None,
 ) -> LoopDiagnosis:
     """The answer's findings, residuals and quotation; no trial or visit left out."""
-    answer, refuted, scored = decided.answer, decided.refuted, decided.scored
-    problem = answer.problem
-    options = problem.options
-    rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
+    problem, scored, data = answer.problem, answer.scored, answer.problem.data
+    rate = problem.options.false_alarm_rate
     shared = confirmation.declared_errors(problem)
-    residuals: dict[str, NDArray[Any]] = {
-        "trial": problem.data.trial,
-        "before": confirmation.held_out_residuals(
-            problem, problem.base_fit, shared, problem.data, shared
-        ),
-        "after": confirmation.held_out_residuals(
-            problem, answer.best, shared, problem.data, shared
-        ),
-    }
-    error = None
+    residuals: dict[str, NDArray[Any]] = {"trial": data.trial}
+    for name, fitted in (("before", problem.base_fit), ("after", answer.best)):
+        residuals[name] = confirmation.held_out_residuals(problem, fitted, shared, data, shared)
     if scored is not None:
-        after = scored.before if refuted else scored.after
+        after = scored.before if answer.refuted else scored.after
         residuals |= {"held_out_before": scored.before, "held_out_after": after}
-        error = confirmation.error(
-            answer, scored, noise.floor(problem.data, problem.noise, problem.slope)
-        )
+    error = confirmation.error(answer, noise.floor(data, problem.noise, problem.slope))
     answers = coefficients.answers(answer)
-    limits = absorption.unidentifiable_coefficients(problem, answer.best)
-    accepted = accepted_explanation(answer, answers)
-    effects_named = named_effects(answer, accepted)
-    findings = BoundaryDiagnosis(
+    lacking = limits.unidentifiable_coefficients(problem, answer.best)
+    accepted = findings.accepted_explanation(answer, answers)
+    named = findings.named_effects(answer, accepted)
+    unexplained, best = answer.verdict == "unexplained", answer.accepted[:1]
+    seen = {name for e in answer.accepted for name in e.effects}
+    block = BoundaryDiagnosis(
         base_model=problem.base.name,
-        false_alarm_rate=problem.options.false_alarm_rate,
+        false_alarm_rate=rate,
         verdict=answer.verdict,
-        effects=effects_named,
+        effects=named,
         explanations=tuple(e.effects for e in answer.accepted) or None,
         accepted=accepted,
         probabilities=answer.probabilities,
-        partial=partial(problem, answer) if answer.verdict == "unexplained" else None,
-        at_bound=(beyond_bounds(answer) or None) if answer.verdict == "unexplained" else None,
+        partial=findings.partial(answer) if unexplained else None,
+        at_bound=(findings.beyond_bounds(answer) or None) if unexplained else None,
         contradicted=answer.contradicted or None,
         wander=answer.random_walk_gain or None,
         p_value=answer.first.p_value,
         threshold_log10_p=answer.first.threshold,
-        structure=structure_tests(answer),
-        rounds=rounds(answer, refuted),
-        not_confirmed=tuple(e.effects for e in refuted) or None,
-        look=look.claim(options.false_alarm_rate) if look else None,
+        structure=findings.structure_tests(answer),
+        rounds=findings.rounds(answer),
+        not_confirmed=tuple(e.effects for e in answer.refuted) or None,
+        look=look.claim(rate) if look else None,
         error=error,
         noise=problem.noise,
-        L_inf_N=far_lift(
-            problem,
-            answer.best,
-            answer.accepted[0].form_discrepancy if answer.accepted else answers.unnamed,
+        L_inf_N=coefficients.far_lift(
+            problem, answer.best, best[0].form_discrepancy if best else answers.unnamed
         ),
         coefficients=answers.estimates(),
-        limits=limits,
-        within_trial=heating(problem.data, library, rate),
+        limits=lacking,
+        within_trial=within_trial.heating(data, library, look.level(rate) if look else rate),
         not_testable=untestable,
-        sensitivity=(
-            sensitivity(problem, {name for e in answer.accepted for name in e.effects})
-            if few(problem.data, problem.base)
-            else None
-        ),
-        silent=coefficients.silent(problem, library, SILENT),
+        sensitivity=sensitivity(problem, seen) if few(data, problem.base) else None,
+        silent=limits.silent(problem, library, SILENT),
         next_experiment=(
-            *separation.next_experiment(problem, answer),
-            *separation.to_part_visits(limits),
+            *separation.next_experiment(answer),
+            *limits.visits_to_add(lacking),
         ),
     )
     return LoopDiagnosis(
-        findings=findings,
+        findings=block,
         residuals=residuals,
-        quoted=result(answer, answers, effects_named, error),
-        density=posterior_density(answer, answers),
+        quoted=result.result(answer, answers, named, error),
+        density=result.posterior_density(answer, answers),
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decided:
-    """The search's answer after cross-validation: `refuted` are explanations that held-out visits
-    did not confirm, `scored` the held-out residuals, None without cross-validation.
-    """
-
-    answer: Answer
-    refuted: tuple[Explanation, ...]
-    scored: confirmation.HeldOut | None
-
-    @property
-    def would_name(self) -> tuple[str, ...] | None:
-        """Effects that the search names, confirmed or not; None where it finds no structure."""
-        named = self.refuted or self.answer.accepted
-        return (named[0].effects if named else ()) if self.answer.first.present else None
 
 
 def decide(
     problem: SearchProblem,
     confirm: bool,
     rate: float,
-    like: Decided | None = None,
+    like: Answer | None = None,
     shortlist: Shortlist | None = None,
     progress: Progress = ignore_progress,
-) -> Decided:
+) -> Answer:
     """Search, and with `confirm` cross-validate by visits.
 
     Where the search agrees with `like`, the confirmation and contradictions of `like` are kept.
@@ -268,30 +220,29 @@ def decide(
     """
     few = few_visits.applies(problem.data)
     answer = few_visits.run(problem) if few else search_to_convergence(problem, shortlist)
+    # folds of few visits start from the original problem, which is not yet `independent`
+    ground = problem if few else answer.problem
     early = rate < problem.options.false_alarm_rate
     if early:
-        answer = answer.claimed_below((problem if few else answer.problem).null.threshold(rate))
-    decided = Decided(answer=answer, refuted=(), scored=None)
-    if like is not None and shortlist and decided.would_name != like.would_name:
-        del answer, decided
+        answer = answer.claimed_below(ground.null.threshold(rate))
+    agrees = like is not None and answer.would_name == like.would_name
+    if like is not None and shortlist and not agrees:
+        del answer, ground
         return decide(problem, confirm, rate, like, progress=progress)
-    if like is not None and decided.would_name == like.would_name:
+    if like is not None and agrees:
         unconfirmed = bool(like.refuted)
-        answer = dataclasses.replace(answer, contradicted=like.answer.contradicted)
+        answer = dataclasses.replace(answer, contradicted=like.contradicted)
     else:
-        # folds of few visits start from the original problem, which is not yet `independent`
-        named = answer.best.candidate.effects
-        scored = None
+        named, scored = answer.best.candidate.effects, None
         if confirm:
             # a fold's own search is reported for the whole diagnosis alone, and costs most of it
-            search_again = like is None and problem.data.n <= MANY
+            search_again = like is None and problem.data.n <= LARGE_CAMPAIGN
             again = few_visits.run if few else run if search_again else None
-            ground = problem if few else answer.problem
             scored = confirmation.held_out(ground, again, named, progress)
             if not scored.predicted.any():
                 # the other visits determine the L_inf of no held-out trial
                 scored = None
-        decided = dataclasses.replace(decided, scored=scored)
+        answer = dataclasses.replace(answer, scored=scored)
         unconfirmed = (
             scored is not None
             and bool(answer.accepted)
@@ -301,23 +252,22 @@ def decide(
             )
         )
         if answer.verdict == "adequate" and not early:
-            answer = dataclasses.replace(
-                answer, contradicted=adequacy.contradictions(answer.problem, scored)
-            )
+            against = confirmation.contradictions(answer.problem, scored)
+            answer = dataclasses.replace(answer, contradicted=against)
     if unconfirmed:
         # effects that do not improve held-out predictions are not named, however well they fit
-        return dataclasses.replace(decided, refuted=answer.accepted, answer=answer.without_names())
-    return dataclasses.replace(decided, answer=answer)
+        return dataclasses.replace(answer, refuted=answer.accepted, accepted=())
+    return answer
 
 
 def _without(
     ground: SearchProblem,
     keep: NDArray[np.bool_],
     rate: float,
-    like: Decided,
+    like: Answer,
 ) -> stability.Without | None:
     """The diagnosis of the trials `keep` alone; None where they cannot be diagnosed."""
-    whole = like.answer.problem
+    whole = like.problem
     data = whole.data.take(keep)
     if len(np.unique(data.visit)) < 2 or not np.isfinite(data.z_hat).any():
         return None
@@ -332,16 +282,15 @@ def _without(
             whole, data=data, log_lift=np.log(data.lift_N), theta=begin.theta, independent=False
         )
         problem = prepare(part, about, begin.noise)
-        named = like.refuted or like.answer.accepted
         # where visits are few, they decide, and no evidence
-        shortlist = None if whole.independent else like.answer.shortlist(named, ~keep)
-        answer = decide(problem, True, rate, like, shortlist).answer
+        shortlist = None if whole.independent else like.shortlist(~keep)
+        answer = decide(problem, True, rate, like, shortlist)
         answers = coefficients.answers(answer)
     except NotConverged:
         return None
     return stability.Without(
         verdict=answer.verdict,
-        effects=answer.accepted[0].effects if answer.accepted else (),
+        effects=answer.named,
         intervals={
             name: (c.value, c.lo90, c.hi90) for name, c in answers.estimates().after.items()
         },

@@ -23,7 +23,6 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.families import MOVING, families, indicators, moving, times
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.structure import Structure
-from nearlift.nomenclature import SCHEDULE_WORDS
 
 
 def columns(problem: SearchProblem, flagged: Collection[str]) -> FloatArray:
@@ -31,11 +30,7 @@ def columns(problem: SearchProblem, flagged: Collection[str]) -> FloatArray:
     covariates in which structure was found.
     """
     data = problem.data
-    carried = [
-        f.columns
-        for f in families(data)
-        if f.name != MOVING and SCHEDULE_WORDS.get(f.covariate, f.covariate) in flagged
-    ]
+    carried = [f.columns for f in families(data) if f.name != MOVING and f.covariate in flagged]
     if data.ordered:
         carried.append(moving(data).columns)
     # a curve bent at one throttle moves the coefficients that all share
@@ -61,8 +56,8 @@ def _sized(problem: SearchProblem, family: FloatArray) -> FloatArray:
 
 
 def _variance(white: FloatArray, residual: FloatArray) -> tuple[float, float]:
-    """Their variance by moments, from whitened columns (n, k) and residual (n,), and its standard
-    error; the variance may be negative.
+    """Variance by moments, from whitened columns (n, k) and residual (n,), and its standard error;
+    the variance may be negative.
     """
     product = white.T @ white
     energy, trace = float(np.sum(product**2)), float(np.trace(product))

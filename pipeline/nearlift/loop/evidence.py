@@ -12,63 +12,33 @@ probability.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.random_walk_gain import waves
+from nearlift.loop.structure import Structure
 from nearlift.results import IntArray
 
 #: An explanation must beat "no effect" by this in log evidence, or chance would be given a name.
 CREDIT = 2.0
 #: 2 ln(Bayes factor) from which one explanation is plainly likelier than another.
 PLAIN_2LNB = 9.0
+#: Least share of the variance of a form's uncertainty that is kept: the evidence for a form as
+#: printed is against smooth deformations, and knows nothing of others.
+LEAST_SHARE = 0.2
 
 
 def mean_evidence(exact: FloatArray | float, discrepant: FloatArray | float) -> FloatArray:
-    """Log of the mean evidence, exact and discrepant, given as logarithms.
-
-    It is nan for a fit that has no value at some trial.
+    """Log of the mean evidence, exact and discrepant, given as logarithms; nan for a fit that has
+    no value at some trial.
     """
     with np.errstate(invalid="ignore"):
         return np.asarray(np.logaddexp(exact, discrepant) - np.log(2.0))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExplanationEvidence:
-    """Log evidence of an explanation, in natural logarithms.
-
-    `exact` is with an exact form, `discrepant` with a discrepant one. Both use unit information, so
-    that the width of a declared prior does not matter. `unnamed` is the evidence of the null: the
-    base model, with a random-walk gain if that is likelier. Where effects have several forms, these
-    are of the best one, and `other_forms` is the mean over all forms relative to it.
-
-    A log score on visits left out may take the place of all: it knows of no prior and no form.
-    """
-
-    exact: float
-    discrepant: float
-    unnamed: float = 0.0
-    other_forms: float = 0.0
-
-    @property
-    def log(self) -> float:
-        """Log of the mean evidence, exact and discrepant, over all forms."""
-        return float(mean_evidence(self.exact, self.discrepant)) + self.other_forms
-
-    @property
-    def over_none(self) -> float:
-        """Log Bayes factor over the null."""
-        return self.log - self.unnamed
-
-    @property
-    def form_share(self) -> float:
-        """Probability that the form is discrepant rather than exact."""
-        return float(np.exp(self.discrepant - np.logaddexp(self.exact, self.discrepant)))
 
 
 class RandomEffectsWhitener:
@@ -109,11 +79,6 @@ class Integrated:
         columns = self.whiten(columns)
         return np.asarray(columns - self.removed @ (self.removed.T @ columns))
 
-    @property
-    def log_likelihood(self) -> FloatArray:
-        """Up to a constant of the trials, (m,)."""
-        return np.asarray(-0.5 * (np.sum(self.scores**2, axis=0) + self.deform.log_det))
-
 
 @dataclass(frozen=True, kw_only=True)
 class LinearFit:
@@ -143,20 +108,12 @@ class LinearFit:
     basis: tuple[FloatArray, ...] = ()
 
     @cached_property
-    def coefficients(self) -> IntArray:
-        """Entries of the base model, the first ones."""
-        return self.fitted.candidate.entries_of("")
-
-    @cached_property
-    def entries(self) -> IntArray:
-        """Entries of the effects."""
-        return np.arange(len(self.coefficients), len(self.fitted.vector))
-
-    @cached_property
-    def held(self) -> NDArray[np.bool_]:
-        """Mask of the entries at a bound, (P,): they cannot move to both sides."""
+    def entries(self) -> tuple[IntArray, IntArray]:
+        """Entries of the base model, and those of the effects that are not at a bound."""
         low, high = self.fitted.candidate.bounds
-        return (self.fitted.vector <= low) | (self.fitted.vector >= high)
+        held = (self.fitted.vector <= low) | (self.fitted.vector >= high)
+        base = self.fitted.candidate.entries_of("")
+        return base, np.setdiff1d(np.flatnonzero(~held), base)
 
     @cached_property
     def bic_charged(self) -> IntArray:
@@ -166,28 +123,27 @@ class LinearFit:
         integrated over their priors.
         """
         candidate, deform = self.fitted.candidate, RandomEffectsWhitener(self.form_discrepancy)
-        absorbed = orthonormal(deform(self.jacobian[:, self.coefficients]))
-        left = deform(self.jacobian[:, self.entries])
+        base, free = self.entries
+        absorbed = orthonormal(deform(self.jacobian[:, base]))
+        left = deform(self.jacobian)
         left = left - absorbed @ (absorbed.T @ left)
-        information = np.sum(left**2, axis=0) * candidate.prior[1][self.entries] ** 2
-        asked = (information > candidate.data.n) | self.held[self.entries]
-        integrated = candidate.by_session | candidate.at_datum
-        return np.asarray(self.entries[asked & ~integrated[self.entries]])
+        with np.errstate(invalid="ignore"):
+            information = np.sum(left**2, axis=0) * candidate.prior[1] ** 2
+        charged = (information > candidate.data.n) | ~np.isin(np.arange(len(information)), free)
+        charged &= ~(candidate.by_session | candidate.at_datum)
+        return np.setdiff1d(np.flatnonzero(charged), base)
 
-    def integrated(self, fixed: IntArray) -> Integrated:
-        """The scores with coefficients and effects' entries `fixed` projected out.
-
-        All other entries that are not held are integrated over.
+    def integrated(self, charged: IntArray) -> Integrated:
+        """The scores with coefficients and `charged` parameters projected out, those at a bound
+        fixed, and all others integrated over.
         """
         mean, sd = self.fitted.candidate.prior
-        free = self.entries[~self.held[self.entries]]
-        random = np.setdiff1d(free, fixed)
+        base, free = self.entries
+        random = np.setdiff1d(free, charged)
         columns = self.jacobian[:, random]
         deform = RandomEffectsWhitener(np.hstack([columns * sd[random], self.form_discrepancy]))
-        projected = np.r_[self.coefficients, np.intersect1d(free, fixed)]
-        removed = orthonormal(deform(self.jacobian[:, projected]))
-        shift = columns @ (self.fitted.vector - mean)[random]
-        left = deform(self.scores + shift[:, None])
+        removed = orthonormal(deform(self.jacobian[:, np.r_[base, np.intersect1d(free, charged)]]))
+        left = deform(self.scores + (columns @ (self.fitted.vector - mean)[random])[:, None])
         return Integrated(
             scores=left - removed @ (removed.T @ left), removed=removed, deform=deform
         )
@@ -197,17 +153,10 @@ class LinearFit:
         """Scores with all but the coefficients integrated over."""
         return self.integrated(np.arange(0))
 
-    @property
-    def without_each(self) -> FloatArray:
-        """`left`'s scores without each trial, to first order, (d, n)."""
-        each = self.left.deform(np.hstack(self.basis).T * self.fitted.residual)
-        return np.asarray(self.left.scores - each)
-
     @cached_property
     def left_by_unit_information(self) -> Integrated:
-        """Scores with coefficients and `bic_charged` parameters projected out.
-
-        All others are integrated over; parameters that differ by session are one population.
+        """Scores with coefficients and `bic_charged` parameters projected out; parameters that
+        differ by session are one population.
         """
         return self.integrated(self.bic_charged)
 
@@ -217,7 +166,114 @@ class LinearFit:
         candidate, charged = self.fitted.candidate, self.bic_charged
         mean, sd = candidate.prior
         penalty = float(np.sum(((self.fitted.vector - mean)[charged] / sd[charged]) ** 2))
-        unknowns = len(charged) + bool(candidate.by_session[self.entries].any())
+        unknowns = len(charged) + bool(candidate.by_session.any())
         price = penalty + unknowns * float(np.log(candidate.data.n))
-        likelihood = self.left_by_unit_information.log_likelihood
-        return np.asarray(likelihood - 0.5 * price + self.outside)
+        left = self.left_by_unit_information
+        chi2 = np.sum(left.scores**2, axis=0) + left.deform.log_det
+        return np.asarray(self.outside - 0.5 * (chi2 + price))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """A fitted candidate with its evidence, as an explanation of what the base model leaves.
+
+    Its form is uncertain by `form_sd`; `random_walk_gain` is the size of the gain's random walk.
+    `left` is the test for structure on its residuals, None if other tests exclude it.
+
+    `gain` is the drop of chi2 by its declared form, with a size for each session where an effect
+    restarts. `needed` is whether each of its effects explains, by that, most of the structure that
+    is there without it. The form's uncertainty is not used for that, since with a large effect that
+    the coefficients absorb it could explain anything.
+
+    Attributes
+    ----------
+    exact, discrepant : float
+        Log evidence by unit information, with an exact form and with a discrepant one. A log score
+        on visits left out may take the place of both.
+    unnamed : float
+        Log evidence of the null: the base model, with a random-walk gain if that is likelier.
+    other_forms : float
+        Log of the mean evidence over an effect's forms, relative to the best one.
+    confirmed : bool or None
+        Set where something else decides: visits left out (`few_visits`), or the share of the
+        structure (`search.accept_inexact`).
+    """
+
+    fitted: Fitted
+    form_sd: float
+    exact: float
+    discrepant: float
+    unnamed: float = 0.0
+    other_forms: float = 0.0
+    random_walk_gain: float = 0.0
+    left: Structure | None = None
+    gain: float
+    needed: bool = True
+    confirmed: bool | None = None
+
+    @property
+    def log_evidence(self) -> float:
+        """Log of the mean evidence, exact and discrepant, over all forms."""
+        return float(mean_evidence(self.exact, self.discrepant)) + self.other_forms
+
+    @property
+    def over_none(self) -> float:
+        """Log Bayes factor over the null."""
+        return self.log_evidence - self.unnamed
+
+    @property
+    def eligible(self) -> bool:
+        """Whether each effect is `needed`, and no parameter at its bound."""
+        return self.needed and not self.fitted.at_bound
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it may be named: eligible, nothing left beyond the threshold, and plainly
+        likelier than none; or `confirmed`.
+        """
+        if not self.eligible or self.confirmed is not None:
+            return self.eligible and bool(self.confirmed)
+        return self.left is not None and not self.left.present and self.over_none > CREDIT
+
+    @property
+    def may_be_named(self) -> bool:
+        """Whether it may be named or be a rival, if any explanation is accepted."""
+        return self.accepted or (
+            self.over_none > 0
+            and not self.fitted.at_bound
+            and (self.needed or len(self.effects) == 1)
+        )
+
+    def without_rivals(self) -> Explanation:
+        """Explanation without rivals, so that the trials determine its form as well.
+
+        The variance of the form is the mean over exact and discrepant form, at least `LEAST_SHARE`.
+        """
+        share = np.exp(self.discrepant - np.logaddexp(self.exact, self.discrepant))
+        return replace(self, form_sd=self.form_sd * float(np.sqrt(max(share, LEAST_SHARE))))
+
+    @property
+    def nuisances(self) -> dict[str, FloatArray]:
+        """Unit-variance columns (n, t) of its form discrepancy and random-walk gain, by name."""
+        candidate = self.fitted.candidate
+        columns = {
+            f"form of {self.name}": candidate.form_discrepancy(self.fitted.vector, self.form_sd)
+        }
+        if self.random_walk_gain:
+            columns["gain that wanders"] = self.random_walk_gain * waves(candidate.data)
+        return columns
+
+    @property
+    def form_discrepancy(self) -> FloatArray:
+        """All nuisance columns, (n, t)."""
+        return np.hstack([*self.nuisances.values()])
+
+    @property
+    def name(self) -> str:
+        """Names of its effects."""
+        return self.fitted.candidate.name
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of its effects, a tuple."""
+        return tuple(e.name for e in self.fitted.candidate.effects)

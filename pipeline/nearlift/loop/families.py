@@ -6,6 +6,8 @@ never become part of a model.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from nearlift.declare import FloatArray
@@ -13,6 +15,7 @@ from nearlift.likelihood.covariates import varies
 from nearlift.likelihood.subspace import cosines
 from nearlift.likelihood.variance_components import MIN_REVISITS
 from nearlift.loop.structure import Hypothesis
+from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results import Observations
 
 #: Most columns of a family, as a share of the trials and in all; smoother families stand for it.
@@ -25,31 +28,12 @@ MOVING = "distance x time"
 #: Measured covariates with families of their own, and their names in results.
 SURROUNDINGS = (("supply_V", "supply"), ("temperature_K", "temperature"))
 #: Covariates without a smooth family by default, since another represents them or none may.
-SPOKEN_FOR = {
-    "supply_V",
-    "temperature_K",
-    "approach",
-    "tilt_rad",
-    "start_s",
-    "elapsed_hat",
-    "run_order",
-    "elapsed_trials",
-    "since_start_s",
-    "rest_s",
-    "previous_lift_N",
-    "previous_throttle",
-    "previous_z_hat",
-    "order_in_visit",
-    "drift_N_s",
-    "drift_hat",
-    "record_s",
-    "session",
-    "lift_sd_N",
-    "lift_inf_N",
-    "n",
-    "visit",
-    "speed_Hz",
-}
+SPOKEN_FOR = frozenset(
+    {"supply_V", "temperature_K", "approach", "tilt_rad", "speed_Hz", "record_s", "session"}
+    | {"start_s", "since_start_s", "elapsed_hat", "elapsed_trials", "run_order", "rest_s", "visit"}
+    | {"previous_lift_N", "previous_throttle", "previous_z_hat", "order_in_visit", "n"}
+    | {"drift_N_s", "drift_hat", "lift_sd_N", "lift_inf_N"}
+)
 
 
 def powers(x: FloatArray, count: int) -> FloatArray:
@@ -94,59 +78,58 @@ def families(data: Observations) -> tuple[Hypothesis, ...]:
     last, came = known["previous_throttle"], known["previous_z_hat"]
     throttled = indicators(last) if few_levels else powers(last, 3)
     nearer = np.where(np.isfinite(came) & (came > 0), 1 / np.maximum(came, 0.1), 0.0)
+    every: list[Hypothesis] = []
+
+    def add(name: str, covariate: str, columns: FloatArray) -> None:
+        every.append(Hypothesis(name, SCHEDULE_WORDS.get(covariate, covariate), columns))
+
     # indicators take trials by groups of memory, and are not made where they are too many
-    every = []
     if distances <= most:
-        every.append(Hypothesis("distance", "distance", indicators(data.z_hat)))
-    every += [
-        Hypothesis("distance smooth", "distance", smooth_z),
-        Hypothesis("distance x throttle", "throttle", bent),
-        Hypothesis("time, slow", "start", slow),
-        Hypothesis("time, slow, additive", "start", slow * additive),
-        Hypothesis("time, fast", "start", fast),
-        Hypothesis("zero", "throttle", additive),
-        Hypothesis("order within a visit", "order_in_visit", order),
-        Hypothesis("previous throttle", "previous_throttle", throttled),
-        Hypothesis("previous distance", "previous_distance", powers(nearer, 3)),
-    ]
+        add("distance", "distance", indicators(data.z_hat))
+    add("distance smooth", "distance", smooth_z)
+    add("distance x throttle", "throttle", bent)
+    add("time, slow", "start", slow)
+    add("time, slow, additive", "start", slow * additive)
+    add("time, fast", "start", fast)
+    add("zero", "throttle", additive)
+    add("order within a visit", "order_in_visit", order)
+    add("previous throttle", "previous_throttle", throttled)
+    add("previous distance", "previous_distance", powers(nearer, 3))
     if data.curve is not None:
         # structure beyond the degree of the L_inf curve
         bend = powers(np.log(data.throttle), int(min(data.curve.degree + 3, most)))
-        every.append(Hypothesis("throttle", "throttle", bend))
+        add("throttle", "throttle", bend)
     if few_levels and distances * len(data.levels) <= most:
         cells = times(indicators(data.z_hat), indicators(data.throttle))
-        every.append(Hypothesis("distance x throttle, cells", "throttle", cells))
+        add("distance x throttle, cells", "throttle", cells)
     if data.session.max() > 0 and sessions <= most:
         each = indicators(data.session)
-        every.append(Hypothesis("session", "session", each))
-        every.append(Hypothesis("session, additive", "session", each * additive))
+        add("session", "session", each)
+        add("session, additive", "session", each * additive)
     if varies(data, "since_start_s"):
         since = known["since_start_s"]
         fade = np.stack([np.exp(-since / tau) for tau in (60.0, 300.0, 1500.0)], axis=1)
-        every.append(Hypothesis("time since start", "start", np.hstack([fade, fade * additive])))
+        add("time since start", "start", np.hstack([fade, fade * additive]))
     for name, covariate in SURROUNDINGS:
         if varies(data, name):
             shape = powers(known[name], degree)
-            every.append(Hypothesis(covariate, covariate, shape))
-            every.append(Hypothesis(f"{covariate}, additive", covariate, shape[:, :2] * additive))
+            add(covariate, covariate, shape)
+            add(f"{covariate}, additive", covariate, shape[:, :2] * additive)
     closeness = np.stack([np.ones(n), near, near**2], axis=1)
     if varies(data, "approach"):
-        sided = times(known["approach"][:, None], closeness)
-        every.append(Hypothesis("approach", "approach", sided))
+        add("approach", "approach", times(known["approach"][:, None], closeness))
+    others = [k for k in sorted(known.keys() - SPOKEN_FOR) if varies(data, k)]
     if data.ordered and visits >= MIN_REVISITS:
         # fewer visits do not separate such curves from noise that the trials of a visit share
-        every += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
+        every.append(moving(data))
+        for name, covariate, columns in _bent_by(data, smooth_z[:, :2], additive, others):
+            add(name, covariate, columns)
     if varies(data, "tilt_rad"):
-        every.append(Hypothesis("tilt", "tilt", times(powers(known["tilt_rad"], 2), closeness)))
-    for name in _others(data):
-        every.append(Hypothesis(name, name, powers(known[name], degree)))
+        add("tilt", "tilt", times(powers(known["tilt_rad"], 2), closeness))
+    for name in others:
+        add(name, name, powers(known[name], degree))
     kept = [f for f in every if 0 < f.columns.shape[1] <= most and exceed_levels(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
-
-
-def _others(data: Observations) -> list[str]:
-    """Logged covariates that vary and are not among `SPOKEN_FOR`."""
-    return [k for k in sorted(data.covariates.keys() - SPOKEN_FOR) if varies(data, k)]
 
 
 def exceed_levels(columns: FloatArray, data: Observations) -> bool:
@@ -154,6 +137,13 @@ def exceed_levels(columns: FloatArray, data: Observations) -> bool:
     levels = data.level_design
     left = columns - levels @ np.linalg.lstsq(levels, columns, rcond=None)[0]
     return bool(np.abs(left).max() > 1e-9 * np.abs(columns).max())
+
+
+def moving(data: Observations) -> Hypothesis:
+    """Curves of distance (linear, quadratic) that change slowly with time."""
+    shape = powers(_log_distance(data), min(2, max(len(np.unique(data.z_hat)) - 1, 1)))
+    slow = cosines(data.covariates["run_order"], min(4, len(np.unique(data.visit))))
+    return Hypothesis(MOVING, "start", times(shape, slow))
 
 
 def _steps(order: FloatArray, visit: np.ndarray) -> list[Hypothesis]:
@@ -173,29 +163,21 @@ def _log_distance(data: Observations) -> FloatArray:
     return np.asarray(-np.log(np.maximum(near, near[near > 0].min() if (near > 0).any() else 1.0)))
 
 
-def moving(data: Observations) -> Hypothesis:
-    """Curves of distance (linear, quadratic) that change slowly with time."""
-    shape = powers(_log_distance(data), min(2, max(len(np.unique(data.z_hat)) - 1, 1)))
-    slow = cosines(data.covariates["run_order"], min(4, len(np.unique(data.visit))))
-    return Hypothesis(MOVING, "start", times(shape, slow))
-
-
-def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> list[Hypothesis]:
-    """Curves of distance that change with session, supply or temperature, forces by tilt and other
-    covariates, and the traverse's last move, as a direction and as a log ratio of distances.
+def _bent_by(
+    data: Observations, shape: FloatArray, additive: FloatArray, others: list[str]
+) -> Iterator[tuple[str, str, FloatArray]]:
+    """Curves of distance that change with session, supply or temperature, forces by tilt and
+    `others`, and the traverse's last move, as a direction and as a log ratio of distances.
     """
-    known, curves = data.covariates, []
+    known = data.covariates
     if 0 < data.session.max() < LARGEST // shape.shape[1]:
-        sessions = times(shape, indicators(data.session))
-        curves.append(Hypothesis("distance x session", "session", sessions))
+        yield "distance x session", "session", times(shape, indicators(data.session))
     for name, covariate in SURROUNDINGS:
         if varies(data, name):
-            bent = times(shape, powers(known[name], 1))
-            curves.append(Hypothesis(f"distance x {covariate}", covariate, bent))
+            yield f"distance x {covariate}", covariate, times(shape, powers(known[name], 1))
     tilt = [("tilt_rad", "tilt")] if varies(data, "tilt_rad") else []
-    for name, covariate in (*tilt, *((k, k) for k in _others(data))):
-        forced = powers(known[name], 2) * additive
-        curves.append(Hypothesis(f"{covariate}, additive", covariate, forced))
+    for name, covariate in (*tilt, *zip(others, others, strict=True)):
+        yield f"{covariate}, additive", covariate, powers(known[name], 2) * additive
     before = known["previous_z_hat"]
     moved = (before > 0) & (before != data.z_hat)
     last = np.maximum.accumulate(np.where(moved, np.arange(data.n), -1))
@@ -204,5 +186,8 @@ def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> lis
     ratio = np.zeros(data.n)
     ratio[near] = np.log(data.z_hat[near] / origin[near])
     move = np.stack([np.sign(ratio), ratio], axis=1)
-    columns = np.hstack([move, move * additive, move * shape[:, :1]])
-    return [*curves, Hypothesis("last move", "previous_distance", columns)]
+    yield (
+        "last move",
+        "previous_distance",
+        np.hstack([move, move * additive, move * shape[:, :1]]),
+    )

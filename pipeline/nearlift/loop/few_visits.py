@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.fit import solver
 from nearlift.likelihood import noise
 from nearlift.likelihood.finite import where_finite
 from nearlift.loop import weigh
-from nearlift.loop.candidate_fit import Fitted, search
+from nearlift.loop.candidate_fit import Fitted, minima
 from nearlift.loop.confirmation import FEW_VISITS
-from nearlift.loop.evidence import ExplanationEvidence
-from nearlift.loop.explanation import Explanation
+from nearlift.loop.evidence import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Observations
@@ -43,42 +41,21 @@ def applies(data: Observations) -> bool:
     return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 
 
-def left_out(problem: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
+def freedom(problem: SearchProblem) -> float:
+    """Degrees of freedom of the jackknife: visits less one, at least 1."""
+    return float(max(len(np.unique(problem.data.visit)) - 1, 1))
+
+
+def left_out(problem: SearchProblem, whole: Fitted) -> FloatArray:
     """Relative residual (n,) of every trial, predicted by a fit to the other visits; nan where
     these do not determine its L_inf.
     """
-    whole = (
-        search(problem.candidate(*effects), problem.starts, problem.log_lift)
-        if effects
-        else problem.base_fit
-    )
-    vectors = without_each(problem, whole)
-    visit_of, weight = _weights(problem)
-    rest = problem.log_lift - whole.candidate.log_ratio(vectors)
+    visit, weight = _weights(problem)
+    rest = problem.log_lift - whole.candidate.log_ratio(without_each(problem, whole))
     log_inf = _levels(problem, weight)(rest[:, None], np.arange(len(rest)))[:, 0]
     trial = np.arange(problem.data.n)
-    result = rest[visit_of, trial] - log_inf[visit_of, trial]
-    predictable = [problem.data.level_known_from(visit_of != visit) for visit in range(len(rest))]
-    return np.where(np.array(predictable)[visit_of, trial], result, np.nan)
-
-
-def _levels(
-    problem: SearchProblem, weight: FloatArray
-) -> Callable[[FloatArray, IntArray], FloatArray]:
-    """Weighted least squares of log L_inf, as a function of log lift (k, c, n) and of rows (k,) of
-    `weight`.
-
-    `weight` is (visits, n); each row of log lift uses one of its rows.
-    """
-    columns = problem.data.level_design
-    weighted = columns * weight[:, :, None]
-    # a level that no weighted trial determines, as of a throttle in one visit alone, stays 0
-    solve = weighted @ np.linalg.pinv(columns.T @ weighted, rcond=1e-13, hermitian=True)
-
-    def log_inf(x: FloatArray, rows: IntArray) -> FloatArray:
-        return where_finite(lambda x: x @ solve[rows] @ columns.T, x)
-
-    return log_inf
+    predictable = [problem.data.level_known_from(visit != one) for one in range(len(rest))]
+    return np.where(np.array(predictable)[visit, trial], (rest - log_inf)[visit, trial], np.nan)
 
 
 def without_each(problem: SearchProblem, whole: Fitted) -> FloatArray:
@@ -88,23 +65,14 @@ def without_each(problem: SearchProblem, whole: Fitted) -> FloatArray:
     The trials of the visit left out have weight zero. Parameters of a session without any other
     visit then take their prior's value.
     """
-    candidate, (_, weight) = whole.candidate, _weights(problem)
-    root, levels = np.sqrt(weight), _levels(problem, weight)
-    mean, sd = candidate.prior
-
-    def free(x: FloatArray, rows: IntArray) -> FloatArray:
-        """Weighted residuals of x (k, c, n) with L_inf projected out."""
-        return np.asarray((x - levels(x, rows)) * root[rows][:, None])
-
-    def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
-        return free((problem.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
-
-    def derivatives(vectors: FloatArray, rows: IntArray) -> FloatArray:
-        return -free(candidate.jacobian(vectors).swapaxes(1, 2), rows)
-
-    start = np.tile(whole.vector, (len(weight), 1))
-    system = solver.System(residuals, derivatives).penalised(mean, sd)
-    return solver.minimise(system, start, candidate.bounds).theta
+    _, weight = _weights(problem)
+    root, levels = np.sqrt(weight)[:, None], _levels(problem, weight)
+    return minima(
+        whole.candidate,
+        problem.log_lift,
+        np.tile(whole.vector, (len(weight), 1)),
+        lambda x, rows: (x - levels(x, rows)) * root[rows],
+    )
 
 
 def _weights(problem: SearchProblem) -> tuple[IntArray, FloatArray]:
@@ -114,6 +82,19 @@ def _weights(problem: SearchProblem) -> tuple[IntArray, FloatArray]:
     visits, visit = np.unique(problem.data.visit, return_inverse=True)
     mine = visit == np.arange(len(visits))[:, None]
     return visit, np.where(mine, 0.0, 1 / problem.space.covariance.variance)
+
+
+def _levels(
+    problem: SearchProblem, weight: FloatArray
+) -> Callable[[FloatArray, IntArray], FloatArray]:
+    """Weighted least squares of log L_inf, as a function of log lift (k, c, n) and of rows (k,) of
+    `weight` (visits, n).
+    """
+    columns = problem.data.level_design
+    weighted = columns * weight[:, :, None]
+    # a level that no weighted trial determines, as of a throttle in one visit alone, stays 0
+    solve = weighted @ np.linalg.pinv(columns.T @ weighted, rcond=1e-13, hermitian=True)
+    return lambda x, rows: where_finite(lambda x: x @ solve[rows] @ columns.T, x)
 
 
 def by_visit(
@@ -149,31 +130,39 @@ def run(problem: SearchProblem) -> Answer:
     first = problem.nothing_added[0]
     working = dataclasses.replace(problem, independent=True)
     if not first.present:
-        return Answer(problem=working, first=first, singles=(), pairs=())
-    seen = working.visible
-    alone = left_out(working, ())
+        return Answer(problem=working, first=first)
+    alone = left_out(working, working.base_fit)
     # without its visit a trial may have no L_inf, whatever the effect
     predictable = np.isfinite(alone)
     scatter = predictable.sum() * noise.floor(problem.data, problem.noise, problem.slope) ** 2
-    none = by_visit(working, alone, predictable)
+    none = to_beat = by_visit(working, alone, predictable)
     best: tuple[Effect, ...] = ()
-    to_beat = none
-    rounds: list[tuple[Explanation, ...]] = []
-    while len(rounds) < MOST_EFFECTS:
-        tried, errors = [], {}
-        for effect in (e for e in seen if e not in best):
-            squares = by_visit(working, left_out(working, (*best, effect)), predictable)
-            convincing = gain_is_significant(to_beat, squares, scatter)
-            explanation = _explanation(working, (*best, effect), none, squares, convincing)
-            tried.append(explanation)
-            errors[explanation.name] = squares
-        rounds.append(tuple(tried))
-        accepted = [e for e in tried if e.accepted]
-        if not accepted:
+    rounds: list[list[Explanation]] = [[], []]
+    for tried in rounds[:MOST_EFFECTS]:
+        errors = {}
+        for effect in (e for e in working.visible if e not in best):
+            fitted = working.best_fit(*best, effect)
+            squares = by_visit(working, left_out(working, fitted), predictable)
+            errors[effect.name] = squares
+            # the log score on visits left out, each one observation
+            finite, total = np.isfinite(squares.sum()), squares.sum()
+            score = 0.5 * len(squares) * float(np.log(none.sum() / total)) if finite else -np.inf
+            tried.append(
+                Explanation(
+                    fitted=fitted,
+                    form_sd=0.0,
+                    gain=working.base_fit.chi2 - fitted.chi2,
+                    exact=score,
+                    discrepant=score,
+                    confirmed=gain_is_significant(to_beat, squares, scatter),
+                )
+            )
+        leader = max((e for e in tried if e.accepted), key=lambda e: e.log_evidence, default=None)
+        if leader is None:
             break
-        leader = max(accepted, key=lambda e: e.evidence.log)
-        best, to_beat = leader.fitted.candidate.effects, errors[leader.name]
-    singles, pairs = (*rounds, (), ())[:2]
+        best = leader.fitted.candidate.effects
+        to_beat = errors[best[-1].name]
+    singles, pairs = map(tuple, rounds)
     accepted = [e for e in pairs if e.accepted] or [e for e in singles if e.accepted]
     return Answer(
         problem=working,
@@ -183,31 +172,3 @@ def run(problem: SearchProblem) -> Answer:
         allowed=tuple(e for e in (*singles, *pairs) if e.may_be_named),
         accepted=weigh.credible_set(working, accepted),
     )
-
-
-def _explanation(
-    problem: SearchProblem,
-    effects: tuple[Effect, ...],
-    none: FloatArray,
-    squares: FloatArray,
-    confirmed: bool,
-) -> Explanation:
-    """The fit to all visits, with the log score on visits left out, each one observation."""
-    total = squares.sum()
-    score = (
-        0.5 * len(squares) * float(np.log(none.sum() / total)) if np.isfinite(total) else -np.inf
-    )
-    fitted = search(problem.candidate(*effects), problem.starts, problem.log_lift)
-    return Explanation(
-        fitted=fitted,
-        form_sd=0.0,
-        left=None,
-        gain=problem.base_fit.chi2 - fitted.chi2,
-        evidence=ExplanationEvidence(exact=score, discrepant=score),
-        confirmed=confirmed,
-    )
-
-
-def freedom(problem: SearchProblem) -> float:
-    """Degrees of freedom of the jackknife: visits less one, at least 1."""
-    return float(max(len(np.unique(problem.data.visit)) - 1, 1))

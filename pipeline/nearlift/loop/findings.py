@@ -4,16 +4,13 @@ every round with its reasons.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from nearlift.likelihood import student
 from nearlift.loop import few_visits
 from nearlift.loop.coefficients import Answers
-from nearlift.loop.explanation import Explanation
+from nearlift.loop.evidence import Explanation
 from nearlift.loop.search import Answer
-from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import (
     AcceptedExplanation,
     LoopEstimate,
@@ -29,6 +26,8 @@ from nearlift.rounding import plain
 
 #: Share of the structure's excess chi2 from which an effect refused at a bound is reported.
 FAIR_SHARE = 0.5
+#: Single effects whose share of the structure is reported, at most and from which share.
+LISTED_PARTS, LEAST_PART = 3, 0.05
 #: Most pairs that a round lists, the likeliest.
 LISTED_PAIRS = 12
 
@@ -53,21 +52,20 @@ def accepted_explanation(answer: Answer, answers: Answers) -> AcceptedExplanatio
     """
     if not answer.accepted:
         return None
-    fitted, p = answer.best, len(answers.names)
+    fitted, problem = answer.best, answer.problem
     u = np.sqrt(np.maximum(np.diag(answers.covariance), 0.0))
-    problem = answer.problem
-    further = few_visits.freedom(problem) if problem.independent else np.inf
-    dof = np.concatenate([answers.dof, np.full(len(u) - p, further)])
+    dof = np.full(len(u), few_visits.freedom(problem) if problem.independent else np.inf)
+    dof[: len(answers.names)] = answers.dof
+    half = [student.quantile(0.95, float(d)) for d in dof] * u
     parameters = {}
     for slot in fitted.candidate.slots:
         name, unit = slot.parameter.name, slot.parameter.unit
         for i in range(slot.start, slot.stop):
             key = name if slot.stop - slot.start == 1 else f"{name}[{i - slot.start}]"
-            half = student.quantile(0.95, float(dof[i])) * u[i]
-            v = float(fitted.vector[i])
-            parameters[key] = Estimate(value=v, lo90=v - half, hi90=v + half, u=u[i], unit=unit)
+            v, h = float(fitted.vector[i]), float(half[i])
+            parameters[key] = Estimate(value=v, lo90=v - h, hi90=v + h, u=u[i], unit=unit)
     return AcceptedExplanation(
-        effects=answer.accepted[0].effects,
+        effects=answer.named,
         probability=answer.probability,
         parameters=parameters,
         covariance=ParameterCovariance.named(
@@ -80,18 +78,17 @@ def named_effects(answer: Answer, accepted: AcceptedExplanation | None) -> tuple
     """Effects of the best explanation, each with the rivals that could take its place."""
     if accepted is None:
         return ()
-    best, candidate = answer.accepted[0], answer.best.candidate
+    best, candidate = set(answer.named), answer.best.candidate
     entries = [*accepted.parameters.items()]
     listed = []
     for effect in candidate.effects:
-        others_kept = set(best.effects) - {effect.name}
-        rivals = []
+        rivals: list[str] = []
         for other in answer.accepted[1:]:
-            shared = set(best.effects) & set(other.effects)
+            shared = best & set(other.effects)
             # an explanation of the same length replaces what it does not share; a longer one shows
             # what may act besides
-            if len(other.effects) > len(best.effects) or others_kept & shared or not shared:
-                rivals += [name for name in other.effects if name not in best.effects]
+            if len(other.effects) > len(best) or shared - {effect.name} or not shared:
+                rivals += [name for name in other.effects if name not in best]
         listed.append(
             NamedEffect(
                 name=effect.name,
@@ -106,47 +103,73 @@ def named_effects(answer: Answer, accepted: AcceptedExplanation | None) -> tuple
     return tuple(listed)
 
 
-def partial(problem: SearchProblem, answer: Answer) -> tuple[PartialEffect, ...]:
+def partial(answer: Answer) -> tuple[PartialEffect, ...]:
     """Shares of the structure's excess chi2 that the best single effects would explain."""
     # a size at a bound earns no share
-    ranked = sorted((s for s in answer.singles if not s.fitted.at_bound), key=lambda s: -s.gain)[:3]
+    singles = (s for s in answer.singles if not s.fitted.at_bound)
+    ranked = sorted(singles, key=lambda s: -s.gain)[:LISTED_PARTS]
     # by chance the excess may be less than one effect's gain
-    whole = max(problem.excess, *(s.gain for s in ranked), 0.0)
+    whole = max(answer.problem.excess, *(s.gain for s in ranked), 0.0)
     return tuple(
-        PartialEffect(name=s.name, share=s.gain / whole) for s in ranked if s.gain > 0.05 * whole
+        PartialEffect(name=s.name, share=s.gain / whole)
+        for s in ranked
+        if s.gain > LEAST_PART * whole
     )
 
 
-def rounds(answer: Answer, refuted: tuple[Explanation, ...]) -> tuple[LoopRound, ...]:
-    """Rounds of the search in order, with the reason for each decision; `refuted` are explanations
-    that held-out visits did not confirm.
+def beyond_bounds(answer: Answer) -> tuple[str, ...]:
+    """Single effects that explain `FAIR_SHARE` of the structure's excess with a size at a bound, in
+    words.
     """
-    if not refuted:
-        return _search_rounds(answer)
-    names = ", ".join(e.name for e in refuted)
+    texts, excess = [], answer.problem.excess
+    for e in sorted(answer.singles, key=lambda e: -e.gain):
+        if not e.fitted.at_bound or e.gain < FAIR_SHARE * excess:
+            continue
+        sizes = _sizes(e)
+        for p in e.fitted.candidate.effects[0].parameters:
+            size = sizes.get(p.name)
+            if p.grid or size not in p.bounds:
+                continue
+            shown, unit = (1e3 * size, " mm") if p.unit == "m" else (size, f" {p.unit}")
+            way = "above" if size == p.bounds[1] else "beyond" if size < 0 else "below"
+            texts.append(
+                f"{e.name} would explain {100 * min(e.gain / excess, 1):.0f} % with {p.name}"
+                f" {way} {plain(shown, 3)}{'' if p.unit == '1' else unit}: check that bound"
+            )
+    return tuple(texts)
+
+
+def rounds(answer: Answer) -> tuple[LoopRound, ...]:
+    """Rounds of the search in order, with the reason for each decision, and the effects that
+    held-out visits did not confirm.
+    """
+    listed = _search_rounds(answer, answer.refuted or answer.accepted)
+    if not answer.refuted:
+        return listed
+    names = ", ".join(e.name for e in answer.refuted)
     why = f"{names}: nothing is gained on visits that it was not fitted to"
-    return (
-        *_search_rounds(dataclasses.replace(answer, accepted=refuted)),
-        LoopRound(candidates=(), decision="unexplained", reason=why),
-    )
+    return (*listed, LoopRound(candidates=(), decision="unexplained", reason=why))
 
 
-def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
+def _search_rounds(answer: Answer, accepted: tuple[Explanation, ...]) -> tuple[LoopRound, ...]:
     if answer.contradicted:
-        return (_round((), "unexplained", "; ".join(answer.contradicted)),)
+        reason = "; ".join(answer.contradicted)
+        return (LoopRound(candidates=(), decision="unexplained", reason=reason),)
     if not answer.first.present:
-        largest = f"(p = {answer.first.p_value:.3g} for the largest of all tests)"
-        return (_round((), "adequate", f"nothing exceeds the threshold {largest}"),)
+        reason = (
+            "nothing exceeds the threshold"
+            f" (p = {answer.first.p_value:.3g} for the largest of all tests)"
+        )
+        return (LoopRound(candidates=(), decision="adequate", reason=reason),)
     if answer.problem.independent:
-        return tuple(_sweep(tried, answer) for tried in (answer.singles, answer.pairs) if tried)
-    best = answer.accepted[0] if answer.accepted else None
-    enough = "nothing is left beyond the threshold"
+        return tuple(_sweep(answer, tried) for tried in (answer.singles, answer.pairs) if tried)
+    best, enough = accepted[0] if accepted else None, "nothing is left beyond the threshold"
     alone = [s for s in answer.singles if s.accepted]
-    singles = _listing(answer.problem, answer.singles)
+    singles = _listing(answer, answer.singles)
     if best is not None and alone and len(best.effects) == 1:
-        return (_round(singles, f"accept {best.name}", enough),)
+        return (LoopRound(candidates=singles, decision=f"accept {best.name}", reason=enough),)
     why_not = (
-        f"{max(alone, key=lambda e: e.evidence.log).name} would do, but two effects are plainly"
+        f"{max(alone, key=lambda e: e.log_evidence).name} would do, but two effects are plainly"
         " likelier: its form would have to be far off"
         if alone
         else "each one leaves structure beyond the threshold, or explains too little"
@@ -158,26 +181,43 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
         else "no pair of declared effects does better"
     )
     return (
-        _round(singles, "no single effect will do", why_not),
-        _round(
-            _listing(answer.problem, answer.pairs, LISTED_PAIRS),
-            f"accept {best.name}" if best is not None else "unexplained",
-            enough if best is not None else unnamed,
+        LoopRound(candidates=singles, decision="no single effect will do", reason=why_not),
+        LoopRound(
+            candidates=_listing(answer, answer.pairs, LISTED_PAIRS),
+            decision="unexplained" if best is None else f"accept {best.name}",
+            reason=unnamed if best is None else enough,
         ),
     )
 
 
-def _round(candidates: tuple[TriedCandidate, ...], decision: str, reason: str) -> LoopRound:
-    return LoopRound(candidates=candidates, decision=decision, reason=reason)
+def _sweep(answer: Answer, tried: tuple[Explanation, ...]) -> LoopRound:
+    """A round decided by visits left out."""
+    chosen = [e for e in tried if e.accepted]
+    if chosen:
+        decision = f"accept {max(chosen, key=lambda e: e.log_evidence).name}"
+        reason = "predicts visits left out best"
+    else:
+        decision = "add nothing"
+        reason = (
+            "none predicts visits left out better by more than chance and by most of what is not"
+            " noise"
+        )
+    visits = f"({len(np.unique(answer.problem.data.visit))} visits, each in turn)"
+    return LoopRound(
+        candidates=_listing(answer, tried), decision=decision, reason=f"{reason} {visits}"
+    )
 
 
 def _listing(
-    problem: SearchProblem, tried: tuple[Explanation, ...], most: int | None = None
+    answer: Answer, tried: tuple[Explanation, ...], most: int | None = None
 ) -> tuple[TriedCandidate, ...]:
     """Candidates and the structure that they leave, the likeliest first, at most `most`."""
+    # of few visits, remaining structure decides nothing
+    by_visits = answer.problem.independent
     rows = []
-    for e in sorted(tried, key=lambda e: -e.evidence.log)[:most]:
-        left = problem.left_by(e)
+    for e in sorted(tried, key=lambda e: -e.log_evidence)[:most]:
+        left = answer.problem.left_by(e)
+        shown = left.present and not by_visits
         rows.append(
             TriedCandidate(
                 name=e.name,
@@ -186,8 +226,9 @@ def _listing(
                 accepted=e.accepted,
                 sizes=_sizes(e),
                 at_bound=e.fitted.at_bound,
-                log_evidence=e.evidence.log,
-                left_in=next(iter(left.foremost()), None) if left.present else None,
+                log_evidence=e.log_evidence,
+                left_in=next(iter(left.foremost()), None) if shown else None,
+                judged_by="visits left out" if by_visits else None,
             )
         )
     return tuple(rows)
@@ -200,46 +241,3 @@ def _sizes(explanation: Explanation) -> dict[str, float]:
         for s in explanation.fitted.candidate.slots
         if s.effect in explanation.effects and s.stop - s.start == 1
     }
-
-
-def beyond_bounds(answer: Answer) -> tuple[str, ...]:
-    """Single effects that explain `FAIR_SHARE` of the structure's excess with a size at a bound, in
-    words.
-    """
-    texts, excess = [], answer.problem.excess
-    for e in sorted(answer.singles, key=lambda e: -e.gain):
-        if not e.fitted.at_bound or e.gain < FAIR_SHARE * excess:
-            continue
-        (effect,) = e.fitted.candidate.effects
-        sizes = _sizes(e)
-        for p in effect.parameters:
-            size = sizes.get(p.name)
-            if p.grid or size not in p.bounds:
-                continue
-            shown, unit = (1e3 * size, "mm") if p.unit == "m" else (size, p.unit)
-            way = "above" if size == p.bounds[1] else "beyond" if size < 0 else "below"
-            beyond = f"{way} {plain(shown, 3)}"
-            texts.append(
-                f"{effect.name} would explain {100 * min(e.gain / excess, 1):.0f} % with {p.name}"
-                f" {beyond}{'' if unit == '1' else f' {unit}'}: check that bound"
-            )
-    return tuple(texts)
-
-
-def _sweep(tried: tuple[Explanation, ...], answer: Answer) -> LoopRound:
-    """A round decided by visits left out."""
-    # remaining structure decides nothing here
-    rows = tuple(
-        dataclasses.replace(row, left_in=None, judged_by="visits left out")
-        for row in _listing(answer.problem, tried)
-    )
-    chosen = [e for e in tried if e.accepted]
-    visits = f"({len(np.unique(answer.problem.data.visit))} visits, each in turn)"
-    if chosen:
-        best = max(chosen, key=lambda e: e.evidence.log)
-        return _round(rows, f"accept {best.name}", f"predicts visits left out best {visits}")
-    reason = (
-        "none predicts visits left out better by more than chance and by most of what is not noise"
-        f" {visits}"
-    )
-    return _round(rows, "add nothing", reason)

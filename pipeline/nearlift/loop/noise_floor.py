@@ -7,7 +7,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from nearlift.declare import Effect, FloatArray
+from nearlift.declare import FloatArray
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.problem import height_slope
 from nearlift.loop.candidate import Candidate, library_columns
@@ -22,22 +22,7 @@ TIME = ("start", "session")
 SETTLED, ROUNDS, DAMPING = 0.1, 5, 0.62
 #: Trials from which a diagnosis saves time: the first of them give the starting value of the noise
 #: floor, and folds do not search again (36,000 trials then take 38 s).
-MANY = 6000
-
-
-def structure_columns(
-    candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]
-) -> list[FloatArray]:
-    """Columns of the structure that a candidate at `vector` may lack, a list of (n, k) of any rank.
-
-    They are the families that are not of time, and every effect to first order.
-    """
-    data, theta = candidate.data, vector[: len(candidate.base.parameters)]
-    smooth = [f.columns for f in families(data) if f.covariate not in TIME]
-    shapes: dict[str, list[FloatArray]] = defaultdict(list)
-    for effect, columns in library_columns(candidate.base, effects, data, theta):
-        shapes[effect.name].append(columns)
-    return [*smooth, *(np.hstack(each) for each in shapes.values())]
+LARGE_CAMPAIGN = 6000
 
 
 def prepare(
@@ -58,14 +43,20 @@ def prepare(
     if about is not None:
         about = dataclasses.replace(about[0], data=data), about[1]
     candidate, vector = about or (problem.candidate(), problem.start)
-    lacking = structure_columns(candidate, vector, problem.effects)
+    # structure that the candidate may lack: families, and every effect to first order
+    shapes = defaultdict(list)
+    for effect, columns in library_columns(base, problem.effects, data, vector[:p]):
+        shapes[effect.name].append(columns)
+    lacking = [f.columns for f in families(data) if f.covariate not in TIME]
+    lacking += [np.hstack(each) for each in shapes.values()]
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
         rest, shared = np.log(data.lift_N) - log_ratio, budget.shared(data, parts, slope)
         mean = np.hstack([data.level_design, candidate.jacobian(vector)])
         variance = budget.own_variance(data, parts, slope)
-        for n in (MANY, data.n) if noise_floor is None and data.n > MANY else (data.n,):
+        first = noise_floor is None and data.n > LARGE_CAMPAIGN
+        for n in (LARGE_CAMPAIGN, data.n) if first else (data.n,):
             noise_floor, target = noise.estimate(
                 data.take(np.arange(n)),
                 rest[:n],

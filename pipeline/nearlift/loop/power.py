@@ -193,7 +193,8 @@ class DesignPower:
         if of.parameter.per != "session":
             return np.zeros((1, self._basis.shape[1]))
         candidate = self.problem.candidate(of.effect)
-        mine = candidate.entries(lambda s: s.parameter.name == of.parameter.name)
+        (slot,) = (s for s in candidate.slots if s.parameter.name == of.parameter.name)
+        mine = np.arange(slot.start, slot.stop)
         reduced = self._reduced(candidate.jacobian(self.vector(of, 0.0))[:, mine])
         others = self._between_sessions(len(mine), "all")
         return np.asarray(size * (others - self._between_sessions(len(mine))) @ reduced.T)

@@ -9,8 +9,8 @@ import numpy as np
 
 from nearlift.declare import Effect
 from nearlift.loop import coefficients
-from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.families import STEP, families
+from nearlift.loop.limits import unidentifiable_coefficients
 from nearlift.loop.power import (
     LIMIT_POWER,
     DesignPower,

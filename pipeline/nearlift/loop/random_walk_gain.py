@@ -31,11 +31,6 @@ def waves(data: Observations) -> FloatArray:
     return cosines(data.covariates["run_order"], count) / np.arange(1, count + 1)
 
 
-def rms(data: Observations, size: float) -> float:
-    """Expected root mean square of a random-walk gain of this size, as a fraction of lift."""
-    return size * float(np.sqrt(np.mean(np.sum(waves(data) ** 2, axis=1))))
-
-
 def bic_penalty(size: float, n: int) -> float:
     """Penalty in log evidence for the size, by unit information: ln(n) / 2, or 0 for size 0."""
     return 0.5 * float(np.log(n)) * (size > 0)
@@ -44,12 +39,8 @@ def bic_penalty(size: float, n: int) -> float:
 def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
     """Maximum-likelihood size; 0 where its gain in log likelihood is below its `bic_penalty`.
 
-    Parameters
-    ----------
-    scores : (d,)
-        Residual, unit noise.
-    columns : (d, k)
-        `waves` in the same space.
+    `scores` (d,) are the residual in units of the noise, `columns` (d, k) `waves` in the same
+    space.
     """
     gain = _gain(scores[:, None], columns)[:, 0]
     best = int(np.argmax(gain))

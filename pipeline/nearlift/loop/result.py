@@ -30,38 +30,36 @@ from nearlift.results.quotation import (
 )
 from nearlift.rounding import like
 
-VISITS = "visits left out in turn"
 #: Standard uncertainties within which the coefficients' density is linear in the effects.
 LINEAR = 8.0
 #: Difference of an end of a 90 % interval from the posterior's, in standard uncertainties, from
 #: which it is stated: twice the Monte Carlo error of 4000 draws.
 SAME_END = 0.05
-#: Factor and unit of the size that is quoted, where the declared parameter has none of its own.
-SIZES = {
-    "z_scale": (1.0, "fraction of distance"),
-    "gap_hat2": (1.0, "square rotor radii"),
-    "viscous_share": (1.0, "fraction of gain, at contact"),
-    "held_exponent": (1.0, "exponent of the lift ratio"),
-    "stagnation": (1.0, "fraction of lift, at one radius"),
-    "fountain": (1.0, "fraction of lift, at its strongest"),
-    "strength": (1.0, "fraction of the model's images"),
-    "edge_share": (1.0, "fraction of gain"),
-    "tilt_lean": (1.0, "fraction of the cosine's loss"),
-    "reynolds_slope": (1.0, "fraction of gain, per unit of ln throttle"),
-    "recirculation": (1.0, "fraction of lift, in free air"),
-    "gain": (1.0, "fraction of lift"),
-    "drift": (2.0, "fraction of lift, first to last trial"),
-    "warming": (1.0, "fraction of lift, at the start of a session"),
-    "speed_exponent": (1.0, "exponent of rotor speed"),
-    "sag_exponent": (1.0, "exponent of supply voltage"),
-    "density_exponent": (1.0, "exponent of air density"),
-    "creep": (1.0, "fraction of the previous load"),
-    "heating": (1.0, "fraction of the fall within a record"),
-    "blockage": (1.0, "fraction of lift"),
-    "crosstalk_along": (1.0, "fraction of lift"),
-    "crosstalk_across": (1.0, "fraction of lift"),
-    "propeller_gain": (1.0, "fraction of lift"),
-    "state_gap": (1.0, "half the difference of K_b"),
+#: Factor of the size that is quoted, where it is not 1: a drift is from the middle of the campaign.
+FACTORS = {"drift": 2.0}
+#: Unit of the size that is quoted, where the declared parameter has none of its own.
+SIZE_UNITS = {
+    **dict.fromkeys(("gain", "blockage", "propeller_gain"), "fraction of lift"),
+    **dict.fromkeys(("crosstalk_along", "crosstalk_across"), "fraction of lift"),
+    "z_scale": "fraction of distance",
+    "gap_hat2": "square rotor radii",
+    "viscous_share": "fraction of gain, at contact",
+    "held_exponent": "exponent of the lift ratio",
+    "stagnation": "fraction of lift, at one radius",
+    "fountain": "fraction of lift, at its strongest",
+    "strength": "fraction of the model's images",
+    "edge_share": "fraction of gain",
+    "tilt_lean": "fraction of the cosine's loss",
+    "reynolds_slope": "fraction of gain, per unit of ln throttle",
+    "recirculation": "fraction of lift, in free air",
+    "drift": "fraction of lift, first to last trial",
+    "warming": "fraction of lift, at the start of a session",
+    "speed_exponent": "exponent of rotor speed",
+    "sag_exponent": "exponent of supply voltage",
+    "density_exponent": "exponent of air density",
+    "creep": "fraction of the previous load",
+    "heating": "fraction of the fall within a record",
+    "state_gap": "half the difference of K_b",
 }
 
 
@@ -72,10 +70,7 @@ def result(
     `effects` the identified effects, `error` the cross-validated error.
     """
     problem, estimator = answer.problem, _estimator(answer, answers)
-    named = answer.accepted[0].effects if answer.accepted else ()
-    others = dict.fromkeys(
-        name for e in answer.accepted[1:] for name in e.effects if name not in named
-    )
+    rivals = (name for e in answer.accepted[1:] for name in e.effects if name not in answer.named)
     # refits at other exponents have no jackknife: their intervals would be those of trials
     doubts = estimator.doubts(exponents=not problem.independent)
     which = (
@@ -83,9 +78,8 @@ def result(
         if len(answers.members) > 1
         else "shift by the form"
     )
-    coefficients = {}
-    for i, name in enumerate(answers.names):
-        coefficients[name] = estimator.quoted(
+    coefficients = {
+        name: estimator.quoted(
             i,
             answers.readings(i),
             _holds(answer, answers),
@@ -93,30 +87,29 @@ def result(
             which,
             max(len(answer.accepted), 1),
         )
+        for i, name in enumerate(answers.names)
+    }
     if problem.independent:
-        # by refits: what the fit varies by, and the visit whose omission moves it most
-        vectors = few_visits.without_each(problem, answer.best)
-        visits = problem.data.visit
+        # by refits: the visit whose omission moves the fit most
+        moved = few_visits.without_each(problem, answer.best) - answer.best.vector
+        visits, z_hat = problem.data.visit, problem.data.z_hat
         for i, (name, quoted) in enumerate(coefficients.items()):
-            moved = vectors[:, i] - answer.best.vector[i]
-            most = largest(np.unique(visits), moved, visits, problem.data.z_hat)
+            most = largest(np.unique(visits), moved[:, i], visits, z_hat)
             influence = dataclasses.replace(quoted.influence, visit=most)
             coefficients[name] = dataclasses.replace(quoted, influence=influence)
+    held_out = None
+    if error is not None:
+        before, after = error.before.held_out_rmse, error.after.held_out_rmse
+        held_out = HeldOutError(before=before, after=after, noise_floor=error.noise_floor)
     return BoundaryResult(
         verdict=answer.verdict,
         base_model=problem.base.name,
-        effects=named,
+        effects=answer.named,
         forms={e.name: e.form for e in answer.best.candidate.effects if e.form} or None,
-        rivals=tuple(others),
+        rivals=tuple(dict.fromkeys(rivals)),
         probability=answer.probability,
         coefficients=coefficients,
-        error=HeldOutError(
-            before=error.before.held_out_rmse,
-            after=error.after.held_out_rmse,
-            noise_floor=error.noise_floor,
-        )
-        if error is not None
-        else None,
+        error=held_out,
         sizes=sizes(answer, effects),
         correlation=_correlation(answer.best.candidate, answers.covariance),
     )
@@ -124,18 +117,15 @@ def result(
 
 def sizes(answer: Answer, effects: tuple[NamedEffect, ...]) -> tuple[IdentifiedSize, ...]:
     """Sizes of the identified effects, without the parameters of their form."""
-    if not effects:
-        return ()
     fitted, listed = answer.best, []
     forms = {s.parameter.name for s in fitted.candidate.slots if s.parameter.grid}
     for effect, named in zip(fitted.candidate.effects, effects, strict=True):
         lift = np.exp(fitted.candidate.contribution(fitted.vector, effect))
-        percent = 100 * float(lift.max() - lift.min())
         for name, e in named.parameters.items():
             plain = name.partition("[")[0]
             if plain in forms:
                 continue
-            scale, unit = SIZES.get(plain, (1.0, e.unit or "1"))
+            scale = FACTORS.get(plain, 1.0)
             listed.append(
                 IdentifiedSize(
                     effect=effect.name,
@@ -143,8 +133,8 @@ def sizes(answer: Answer, effects: tuple[NamedEffect, ...]) -> tuple[IdentifiedS
                     value=scale * e.value,
                     lo90=scale * e.lo90,
                     hi90=scale * e.hi90,
-                    unit=unit,
-                    lift_percent=percent,
+                    unit=SIZE_UNITS.get(plain, e.unit or "1"),
+                    lift_percent=100 * float(lift.max() - lift.min()),
                 )
             )
     return tuple(listed)
@@ -164,26 +154,20 @@ def _correlation(candidate: Candidate, covariance: FloatArray) -> Correlation:
 
 def _holds(answer: Answer, answers: Answers) -> str:
     """Sentence on the errors that an interval includes."""
-    problem = answer.problem
-    errors = (
-        ["the scatter of whole visits"]
-        if problem.independent
-        else ["trial noise", *budget.stated(problem.parts)]
-    )
+    named, by_visits = " and ".join(answer.named), answer.problem.independent
+    errors = ["trial noise", *budget.stated(answer.problem.parts)]
+    if by_visits:
+        errors = ["the scatter of whole visits"]
     if answers.carried:
         errors.append(f"the unexplained dependence on {' and '.join(answers.carried)}")
-    named = answer.accepted[0].effects if answer.accepted else ()
-    if named and not problem.independent:
-        corrections = " and ".join(named)
-        errors.append(f"the uncertainty of the {corrections} correction")
+    if named and not by_visits:
+        errors.append(f"the uncertainty of the {named} correction")
     if len(answers.members) > 1:
         errors.append("the choice between rivals")
     included = f"Includes {', '.join(errors[:-1])}{' and ' if errors[1:] else ''}{errors[-1]}"
-    if answers.carried or (named and not problem.independent):
-        return included
-    if named:
-        return f"{included}, with {' and '.join(named)} in the model"
-    if answer.verdict == "unexplained":
+    if named and by_visits:
+        return f"{included}, with {named} in the model"
+    if answer.verdict == "unexplained" and not answers.carried:
         return f"{included}, not the unexplained structure"
     return included
 
@@ -195,15 +179,13 @@ def _doubts(estimator: Estimator, answer: Answer, answers: Answers, i: int) -> l
         doubt = estimator.doubt(i, condition, float(pair[0][i]), float(pair[1][i]))
         return dataclasses.replace(doubt, explanation=explanation)
 
-    listed = []
+    listed, others = [], answers.members[1:]
     if answer.accepted:
         best = answer.accepted[0].name
         listed.append(at(f"{best} alone, exactly in its stated form", answers.conditional, best))
-        listed += [
-            at(f"{name} instead of {best}", pair, name) for name, pair in answers.members[1:]
-        ]
+        listed += [at(f"{name} instead of {best}", pair, name) for name, pair in others]
     if answers.carried:
-        listed += [at(f"{name} as the explanation", pair) for name, pair in answers.members[1:]]
+        listed += [at(f"{name} as the explanation", pair) for name, pair in others]
     if answer.verdict != "adequate":
         listed.append(at("base model without any effect", answers.before))
     listed.append(at("every undetected effect at its plausible size", answers.constrained))
@@ -218,10 +200,9 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
     value, u = answers.value, answers.members[0][1][1]
     low, high = answer.best.candidate.bounds
     likelihood, unknowns = _marginal_likelihood(answer, answers)
-    fixed = (value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u)
     lines: tuple[information.Line, ...] = ()
     if problem.independent:
-        lines = (information.repeated(VISITS, np.diag(u**2)),)
+        lines = (information.repeated("visits left out in turn", np.diag(u**2)),)
     elif p:
         g = information.gain(likelihood, value)
         lines = information.lines(
@@ -235,7 +216,7 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
         lines=lines,
         parts=problem.parts,
         slope=problem.slope,
-        fixed=fixed,
+        fixed=(value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u),
         z_hat=problem.data.z_hat,
     )
 
@@ -255,10 +236,10 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
     lift_N = problem.data.lift_N * np.exp(-problem.shift)
     data = dataclasses.replace(problem.data, lift_N=lift_N)
     problem = dataclasses.replace(problem, data=data, shift=0.0)
-    centre, _ = solve(problem, answers.members[0][1][0])
+    value, u = answers.members[0][1]
+    centre, _ = solve(problem, value)
     dof = max(float(answers.dof.min()), information.LEAST_DOF)
-    reach = LINEAR * answers.members[0][1][1]
-    return Density(problem=problem, centre=centre, dof=dof, reach=reach)
+    return Density(problem=problem, centre=centre, dof=dof, reach=LINEAR * u)
 
 
 def with_posterior(quoted: BoundaryResult, drawn: Posterior) -> BoundaryResult:
@@ -286,9 +267,10 @@ def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Likelihood, 
     candidate, vector = answer.best.candidate, answer.best.vector
     data = dataclasses.replace(problem.data, lift_N=np.exp(problem.log_lift))
     jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
+    base = Candidate(base=problem.base, effects=(), data=problem.data)
     shift = (
         candidate.log_ratio(vector)
-        - Candidate(base=problem.base, effects=(), data=problem.data).log_ratio(vector[:p])
+        - base.log_ratio(vector[:p])
         - jacobian[:, p:] @ (vector - mean)[p:]
     )
     further: dict[str, FloatArray] = {}

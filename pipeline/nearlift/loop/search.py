@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.loop import structure, weigh
-from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.evidence import CREDIT, PLAIN_2LNB
-from nearlift.loop.explanation import Explanation
+from nearlift.loop.evidence import CREDIT, PLAIN_2LNB, Explanation
 from nearlift.loop.noise_floor import prepare
-from nearlift.loop.random_walk_gain import rms
+from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.loop.structure import Structure
+from nearlift.results import IntArray
 from nearlift.results.diagnosis import ExplanationProbability
 from nearlift.results.quotation import Verdict
 
@@ -31,6 +30,8 @@ from nearlift.results.quotation import Verdict
 PAIRS, FIRST_PAIRS = 40, 8
 #: Allowed error of the first-order gain of a pair, as a share and in chi2.
 LINEARISATION_SLACK, LINEARISATION_SLACK_CHI2 = 0.1, 10.0
+#: Relative singular value below which the first-order gain of a pair ignores a direction.
+DETERMINED = 1e-8
 #: A gain in chi2 beyond this many times the number of trials is large against the noise.
 LARGE = 0.3
 #: Log evidence by which an explanation on a `Shortlist` may trail: first order is not exact.
@@ -42,54 +43,51 @@ NEARLY_ALL, PLAIN, LOOSER = 0.8, 15.0, 2.0
 Shortlist = frozenset[tuple[str, ...]]
 
 
-def search_to_convergence(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
-    """Alternate the search and the noise estimate about the best explanation, at most two repeats.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut:
+    """Relative held-out residuals of every trial, nan where it cannot be predicted.
 
-    The noise is estimated about the best explanation if the structure is large compared with it,
-    else about the base model. With a `shortlist`, only its explanations are tried.
+    `before` is by the base model, `after` by the answer of each fold's search (`chosen`). `named`
+    is by the explanation found in all visits, refitted in each fold. `visit` holds the
+    cross-validation blocks.
     """
-    # new cached values, freed when this search ends
-    problem = dataclasses.replace(problem)
-    answer = run(problem, shortlist)
-    for again in range(2):
-        about = large(answer)
-        if again:
-            # once taken about an explanation, that of these trials stays so
-            about = about or problem.about
-        now, before = (one and one[0].effects for one in (about, problem.about))
-        if now == before:
-            break
-        del answer
-        problem = prepare(dataclasses.replace(problem), about=about)
-        answer = run(problem, shortlist)
-    return answer
 
+    before: FloatArray
+    after: FloatArray
+    named: FloatArray
+    visit: IntArray
+    chosen: tuple[str, ...]
 
-def large(answer: Answer) -> tuple[Candidate, FloatArray] | None:
-    """The best explanation, named or not, where it is large compared with the noise."""
-    tried = answer.accepted or sorted(
-        (*answer.singles, *answer.pairs), key=lambda e: -e.evidence.log
-    )
-    if not tried or tried[0].gain < LARGE * answer.problem.data.n:
-        return None
-    return tried[0].fitted.candidate, tried[0].fitted.vector
+    @property
+    def predicted(self) -> NDArray[np.bool_]:
+        """Mask of the trials that could be predicted."""
+        return np.isfinite(self.before) & np.isfinite(self.after)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """Outcome of one pass. `singles` and `pairs` are all explanations that were tried, `allowed`
+    """Outcome of a search. `singles` and `pairs` are all explanations that were tried, `allowed`
     those that may be named, and `accepted` the set of rivals among these, the likeliest first.
 
-    `contradicted` lists the evidence against a base model without residual structure.
+    Cross-validation adds the held-out residuals `scored`, and `refuted`, the explanations that they
+    do not confirm. `contradicted` lists the evidence against a base model without residual
+    structure.
     """
 
     problem: SearchProblem
     first: Structure
-    singles: tuple[Explanation, ...]
-    pairs: tuple[Explanation, ...]
+    singles: tuple[Explanation, ...] = ()
+    pairs: tuple[Explanation, ...] = ()
     allowed: tuple[Explanation, ...] = ()
     accepted: tuple[Explanation, ...] = ()
+    refuted: tuple[Explanation, ...] = ()
+    scored: HeldOut | None = None
     contradicted: tuple[str, ...] = ()
+
+    @property
+    def tried(self) -> tuple[Explanation, ...]:
+        """All explanations that were tried."""
+        return (*self.singles, *self.pairs)
 
     @property
     def verdict(self) -> Verdict:
@@ -98,81 +96,97 @@ class Answer:
             return "unexplained" if self.contradicted else "adequate"
         return "effect" if self.accepted else "unexplained"
 
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects of the best explanation, empty where none is accepted."""
+        return self.accepted[0].effects if self.accepted else ()
+
+    @property
+    def would_name(self) -> tuple[str, ...] | None:
+        """Effects that the search names, confirmed or not; None where it finds no structure."""
+        named = self.refuted or self.accepted
+        return (named[0].effects if named else ()) if self.first.present else None
+
+    @property
+    def best(self) -> Fitted:
+        """The model to predict with: the best explanation, else the base model."""
+        return self.accepted[0].fitted if self.accepted else self.problem.base_fit
+
     def claimed_below(self, threshold: float) -> Answer:
         """Answer with a claim only if a test's log10 p is below `threshold`."""
         first = dataclasses.replace(self.first, threshold=threshold)
-        answer = dataclasses.replace(self, first=first)
-        return answer if first.present else answer.without_names()
+        accepted = self.accepted if first.present else ()
+        return dataclasses.replace(self, first=first, accepted=accepted)
 
     @property
     def random_walk_gain(self) -> float:
         """Root mean square of the random-walk gain of the answer, as a fraction of lift."""
         if not self.first.present:
             return 0.0
-        size = (
-            self.accepted[0].random_walk_gain
-            if self.accepted
-            else self.problem.null_fit.random_walk_gain
-        )
-        return rms(self.problem.data, size)
+        by = self.accepted[0] if self.accepted else self.problem.null_fit
+        unit = np.sqrt(np.mean(np.sum(waves(self.problem.data) ** 2, axis=1)))
+        return by.random_walk_gain * float(unit)
 
-    def shortlist(self, named: tuple[Explanation, ...], left_out: NDArray[np.bool_]) -> Shortlist:
+    def shortlist(self, left_out: NDArray[np.bool_]) -> Shortlist:
         """Explanations that may belong to the set without the trials `left_out` (n,).
 
-        `named` are the explanations of the whole set, confirmed or not. Without those trials an
-        explanation gains, to first order, their share of its misfit.
+        Without those trials an explanation gains, to first order, their share of its misfit.
         """
         dropped = left_out[self.problem.space.covariance.order]
 
         def without(log: float, fitted: Fitted) -> float:
             return log + 0.5 * float(np.sum(fitted.residual[dropped] ** 2))
 
+        named = self.refuted or self.accepted
         least = (
-            max(without(e.evidence.log, e.fitted) for e in named) - PLAIN_2LNB / 2
+            max(without(e.log_evidence, e.fitted) for e in named) - PLAIN_2LNB / 2
             if named
             else without(self.problem.unnamed, self.problem.base_fit) + CREDIT
         )
-        kept = {
-            e.effects
-            for e in (*self.singles, *self.pairs)
-            if without(e.evidence.log, e.fitted) > least - SLACK
-        }
+        kept = {e.effects for e in self.tried if without(e.log_evidence, e.fitted) > least - SLACK}
         # a pair is held against what each of its effects accounts for
-        kept |= {(name,) for names in kept for name in names}
-        return frozenset(kept)
+        return frozenset(kept | {(name,) for names in kept for name in names})
 
     @cached_property
     def probabilities(self) -> tuple[ExplanationProbability, ...]:
         """Probabilities of everything that was weighed; they sum to 1."""
-        tried = (*self.singles, *self.pairs)
         allowed, silent = self.allowed if self.accepted else (), self.verdict == "adequate"
-        return weigh.weigh(self.problem, self.first, tried, allowed, silent)
-
-    @property
-    def nameless_is_likeliest(self) -> bool:
-        """Whether nameless structure of any kind is likelier than each explanation."""
-        nameless = sum(e.probability for e in self.probabilities if e.nameless)
-        return nameless > max((e.probability for e in self.probabilities if e.effects), default=0.0)
-
-    def without_names(self) -> Answer:
-        """Answer that names no effect."""
-        return dataclasses.replace(self, accepted=())
+        return weigh.weigh(self.problem, self.first, self.tried, allowed, silent)
 
     @property
     def probability(self) -> float:
         """Probability of the answer: of the named effects, of nameless structure, or of nothing."""
-        named = self.accepted[0].effects if self.accepted else ()
-        unnamed = self.verdict == "unexplained"
+        nameless = self.verdict == "unexplained"
         return sum(
             e.probability
             for e in self.probabilities
-            if not e.other and e.effects == named and bool(e.nameless) == unnamed
+            if not e.other and e.effects == self.named and bool(e.nameless) == nameless
         )
 
-    @property
-    def best(self) -> Fitted:
-        """The model to predict with: the best explanation, else the base model."""
-        return self.accepted[0].fitted if self.accepted else self.problem.base_fit
+
+def search_to_convergence(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
+    """Alternate the search and the noise estimate about the best explanation, at most two repeats.
+
+    The noise is estimated about the best explanation, named or not, if the structure is large
+    compared with it, else about the base model. With a `shortlist`, only its explanations are
+    tried.
+    """
+    # new cached values, freed when this search ends
+    problem = dataclasses.replace(problem)
+    answer = run(problem, shortlist)
+    for again in range(2):
+        # once taken about an explanation, that of these trials stays so
+        about = problem.about if again else None
+        best = answer.accepted or sorted(answer.tried, key=lambda e: -e.log_evidence)
+        if best and best[0].gain >= LARGE * problem.data.n:
+            about = best[0].fitted.candidate, best[0].fitted.vector
+        now, before = (one and one[0].effects for one in (about, problem.about))
+        if now == before:
+            break
+        del answer, best
+        problem = prepare(dataclasses.replace(problem), about=about)
+        answer = run(problem, shortlist)
+    return answer
 
 
 def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
@@ -181,17 +195,16 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """
     first, _ = problem.nothing_added
     if not first.present:
-        return Answer(problem=problem, first=first, singles=(), pairs=())
-    library = {e.name: e for e, _ in problem.library}.values()
+        return Answer(problem=problem, first=first)
     tried = (
         problem.explain((e,))
-        for e in library
+        for e in problem.known_effects
         if (not shortlist or (e.name,) in shortlist) and problem.visibility(e) > SILENT
     )
     # one that has no value at some trial, however small, explains nothing
     singles = tuple(s for s in tried if np.isfinite(s.gain))
-    if not any(s.accepted for s in singles):
-        singles = accept_inexact(problem, singles)
+    if problem.options.pairs and not any(s.accepted for s in singles):
+        singles = tuple(_accept_inexact(problem, s) for s in singles)
     # in a pair an effect has the form that is likeliest alone
     alone = {s.fitted.candidate.effects[0]: s for s in singles}
     if shortlist is None:
@@ -215,8 +228,11 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
         allowed=allowed,
         accepted=accepted,
     )
-    outweighed = accepted and answer.nameless_is_likeliest
-    return answer.without_names() if outweighed else answer
+    if not accepted:
+        return answer
+    nameless = sum(e.probability for e in answer.probabilities if e.nameless)
+    named = max((e.probability for e in answer.probabilities if e.effects), default=0.0)
+    return dataclasses.replace(answer, accepted=()) if nameless > named else answer
 
 
 def promising(
@@ -231,25 +247,23 @@ def promising(
     """
     if not problem.options.pairs:
         return []
-    projected, gains = pair_gains(problem), {e.name: s.gain for e, s in alone.items()}
-    bent = {name: max(gain - projected[name, ""], 0.0) for name, gain in gains.items()}
+    projected = pair_gains(problem)
+    bent = {e: max(s.gain - projected[e.name, ""], 0.0) for e, s in alone.items()}
     offered = sorted(
         (
-            (projected[one.name, two.name] + bent[one.name] + bent[two.name], one, two)
+            (projected[one.name, two.name] + bent[one] + bent[two], one, two)
             for one, two in combinations(alone, 2)
         ),
         key=lambda pair: -pair[0],
     )[:PAIRS]
     accepted = [s for s in alone.values() if s.accepted]
     if accepted:
-        least = max(accepted, key=lambda e: e.evidence.log).gain + PLAIN_2LNB
+        least = max(accepted, key=lambda e: e.log_evidence).gain + PLAIN_2LNB
         return [(one, two) for gain, one, two in offered if gain > least]
 
     def may_be_needed(gain: float, one: Effect, two: Effect) -> bool:
-        most, base = (
-            (1 + LINEARISATION_SLACK) * gain + LINEARISATION_SLACK_CHI2,
-            max(gains[one.name], gains[two.name]),
-        )
+        most = (1 + LINEARISATION_SLACK) * gain + LINEARISATION_SLACK_CHI2
+        base = max(alone[one].gain, alone[two].gain)
         return bool(problem.explains_enough(most - base, problem.excess - base))
 
     return [
@@ -266,38 +280,35 @@ def pair_gains(problem: SearchProblem) -> dict[tuple[str, str], float]:
     Keys are the two names in either order; "" and a name are one effect alone.
     """
     hypotheses, basis = problem.hypotheses
-    named = tuple(h for h in hypotheses if h.effect)
-    which, stacked, ranks = structure.bases(named, problem.absorbed)
+    effects = tuple(h for h in hypotheses if h.effect)
+    which, stacked, ranks = structure.bases(effects, problem.absorbed)
     score, product = stacked.T @ (basis.T @ problem.base_fit.residual), stacked.T @ stacked
-    ends = np.cumsum(ranks)
-    shapes = [("", np.arange(0))] + [
-        (named[i].effect, np.arange(end - rank, end))
-        for i, rank, end in zip(which, ranks, ends, strict=True)
-    ]
+    shapes = [("", np.arange(0))]
+    for i, entries in zip(which, np.split(np.arange(len(score)), np.cumsum(ranks)), strict=False):
+        shapes.append((effects[i].effect, entries))
     best: dict[tuple[str, str], float] = defaultdict(float)
+    # all pairs with as many columns are solved at once
+    by_size = defaultdict(list)
     for (one, left), (two, right) in combinations(shapes, 2):
-        both = np.r_[left, right]
-        gain = float(
-            score[both] @ np.linalg.lstsq(product[np.ix_(both, both)], score[both], rcond=1e-8)[0]
-        )
-        best[one, two] = best[two, one] = max(best[one, two], gain)
+        by_size[len(left) + len(right)].append(((one, two), np.r_[left, right]))
+    for pairs in by_size.values():
+        both = np.array([entries for _, entries in pairs])
+        inner = product[both[:, :, None], both[:, None, :]]
+        solve = np.linalg.pinv(inner, rcond=DETERMINED, hermitian=True)
+        gains = np.einsum("ki,kij,kj->k", score[both], solve, score[both])
+        for ((one, two), _), gain in zip(pairs, gains.tolist(), strict=True):
+            best[one, two] = best[two, one] = max(best[one, two], gain)
     return best
 
 
-def accept_inexact(
-    problem: SearchProblem, tried: tuple[Explanation, ...]
-) -> tuple[Explanation, ...]:
-    """Accept explanations that remove `NEARLY_ALL` of the excess chi2, whatever they leave.
+def _accept_inexact(problem: SearchProblem, e: Explanation) -> Explanation:
+    """The explanation, accepted if it removes `NEARLY_ALL` of the excess chi2, whatever it leaves.
 
     Data of a large effect resolve errors of its form that are smaller than any form is known. An
     effect outside the library is excluded by its share: the nearest effect in the library rarely
     removes half of it. An effect that differs by session has no form and imitates any step.
     """
-
-    def again(e: Explanation) -> Explanation:
-        enough = e.gain >= NEARLY_ALL * problem.excess and e.evidence.over_none > PLAIN
-        if not enough or e.fitted.candidate.by_session.any():
-            return e
-        return dataclasses.replace(e, form_sd=LOOSER * e.form_sd, confirmed=True)
-
-    return tuple(map(again, tried)) if problem.options.pairs else tried
+    enough = e.gain >= NEARLY_ALL * problem.excess and e.over_none > PLAIN
+    if not enough or e.fitted.candidate.by_session.any():
+        return e
+    return dataclasses.replace(e, form_sd=LOOSER * e.form_sd, confirmed=True)

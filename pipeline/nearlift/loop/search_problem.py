@@ -17,21 +17,18 @@ from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Likelihood, height_slope
 from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import structure
-from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
-from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.datum import is_datum
+from nearlift.loop.candidate import SESSION_SPREADS, Candidate, is_datum, library_columns
+from nearlift.loop.candidate_fit import Fitted, Starts, fit, search
 from nearlift.loop.evidence import (
     CREDIT,
-    ExplanationEvidence,
+    Explanation,
     Integrated,
     LinearFit,
     RandomEffectsWhitener,
 )
-from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import families
 from nearlift.loop.inflow import MeasuredDownwash, log_density
 from nearlift.loop.random_walk_gain import bic_penalty, likeliest, waves
-from nearlift.loop.starts import Starts
 from nearlift.loop.structure import Hypothesis, Null, Structure
 from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results import Noise, Observations
@@ -49,7 +46,7 @@ SILENT = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How the search is run; `form_sd` and `multiplicity` exist to show what breaks without them.
+    """How the search is run; `form_sd` exists to show what breaks without it.
 
     `not_feasible` is what the bench cannot do, and what is not proposed: "closer", "farther", "both
     directions"; nor is a visit at or below `contact_z_hat`. Without `pairs`, as where trials are
@@ -61,7 +58,6 @@ class Options:
     not_feasible: tuple[str, ...] = ()
     contact_z_hat: float = 0.0
     form_sd: float = FORM_SD
-    multiplicity: bool = True
     pairs: bool = True
     downwash: tuple[MeasuredDownwash, ...] = ()
 
@@ -103,25 +99,21 @@ class SearchProblem:
         """Likelihood with these stated uncertainties, those of distance to first order by the
         `slope` (n,).
         """
-        data = self.data
-        tied = (
-            ()
-            if self.independent
-            else (budget.shared(data, parts, slope), budget.own_variance(data, parts, self.slope))
-        )
-        covariance = trial_covariance(data, self.assumed_noise, self.slope, *tied)
+        data, noise = self.data, self.assumed_noise
+        if self.independent:
+            covariance = trial_covariance(data, noise, self.slope)
+        else:
+            shared = budget.shared(data, parts, slope)
+            variance = budget.own_variance(data, parts, self.slope)
+            covariance = trial_covariance(data, noise, self.slope, shared, variance)
         return Likelihood(model=self.base, data=data, covariance=covariance)
 
     @property
     def assumed_noise(self) -> Noise:
-        """The noise floor, without what ties the trials of a visit together where they are fitted
-        as if nothing did.
-        """
-        return (
-            dataclasses.replace(self.noise, height_m=0.0, common=0.0, drift=())
-            if self.independent
-            else self.noise
-        )
+        """The noise floor, without correlation within visits if trials count as independent."""
+        if not self.independent:
+            return self.noise
+        return dataclasses.replace(self.noise, height_m=0.0, common=0.0, drift=())
 
     @cached_property
     def slope(self) -> FloatArray:
@@ -140,6 +132,12 @@ class SearchProblem:
         if not candidate.by_session.any():
             return [candidate]
         return [dataclasses.replace(candidate, session_spread=s) for s in SESSION_SPREADS]
+
+    def best_fit(self, *effects: Effect) -> Fitted:
+        """Fit of the base model with these effects over their starting values."""
+        if not effects:
+            return self.base_fit
+        return search(self.candidate(*effects), self.starts, self.log_lift)
 
     @cached_property
     def base_fit(self) -> Fitted:
@@ -166,6 +164,11 @@ class SearchProblem:
         """Each effect with its first-order columns (n, k) of log lift, one entry per shape."""
         return tuple(library_columns(self.base, self.effects, self.data, self.theta))
 
+    @property
+    def known_effects(self) -> tuple[Effect, ...]:
+        """The effects of the library that change the lift of some trial."""
+        return tuple({e.name: e for e, _ in self.library}.values())
+
     def visibility(self, effect: Effect) -> float:
         """Share of the squared norm of an effect's whitened columns outside the span of theta and
         L_inf, the largest over its shapes; 0 without columns.
@@ -184,29 +187,22 @@ class SearchProblem:
     @cached_property
     def visible(self) -> tuple[Effect, ...]:
         """The effects of the library that theta and L_inf do not absorb."""
-        known = {e.name: e for e, _ in self.library}.values()
-        return tuple(e for e in known if self.visibility(e) > SILENT)
+        return tuple(e for e in self.known_effects if self.visibility(e) > SILENT)
 
     @cached_property
     def hypotheses(self) -> tuple[tuple[Hypothesis, ...], FloatArray]:
         """Families and library in the reduced space, and the space's orthonormal basis (n, d)."""
-        sources = [
-            *families(self.data),
-            *(Hypothesis(f"effect {e.name}", e.varies_with, x, e.name) for e, x in self.library),
-        ]
-        words = [(h.name, SCHEDULE_WORDS.get(h.covariate, h.covariate), h.effect) for h in sources]
-        # thousands of trials by hundreds of columns: what is done with is let go
+        sources = [*families(self.data)]
+        for e, x in self.library:
+            along = SCHEDULE_WORDS.get(e.varies_with, e.varies_with)
+            sources.append(Hypothesis(f"effect {e.name}", along, x, e.name))
         ends = np.cumsum([h.columns.shape[1] for h in sources])[:-1]
         white = self.space.project(np.hstack([h.columns for h in sources]).T).T
-        del sources
         basis = framed(orthonormal(np.hstack([self.base_jacobian, white])))
-        reduced = tuple(
-            Hypothesis(name, covariate, orthonormal(x) if x.shape[1] > 1 else x, effect)
-            for (name, covariate, effect), x in zip(
-                words, np.split(basis.T @ white, ends, axis=1), strict=True
-            )
-        )
-        return reduced, basis
+        return tuple(
+            dataclasses.replace(h, columns=orthonormal(x) if x.shape[1] > 1 else x)
+            for h, x in zip(sources, np.split(basis.T @ white, ends, axis=1), strict=True)
+        ), basis
 
     @cached_property
     def absorbed(self) -> FloatArray:
@@ -218,16 +214,8 @@ class SearchProblem:
         """Null distribution of the smallest p-value of all tests: one for all explanations of this
         search, and with visits held out.
         """
-        if self.drawn is not None:
-            return self.drawn
-        if not self.options.multiplicity:
-            return structure.ALONE
-        return structure.draw(
-            self.hypotheses[0],
-            self.absorbed,
-            np.random.default_rng(self.options.seed),
-            self.noise.dof,
-        )
+        rng = np.random.default_rng(self.options.seed)
+        return self.drawn or structure.draw(self.hypotheses[0], self.absorbed, rng, self.noise.dof)
 
     @cached_property
     def waves(self) -> FloatArray:
@@ -238,11 +226,6 @@ class SearchProblem:
     def common(self) -> FloatArray:
         """Orthonormal basis (n, c) of the coefficients and of a random-walk gain."""
         return orthonormal(np.hstack([self.base_jacobian, self.waves]))
-
-    @cached_property
-    def waves_in_common(self) -> FloatArray:
-        """Columns of a random-walk gain in the `common` basis, (c, k)."""
-        return self.common.T @ self.waves
 
     def linearised(
         self,
@@ -279,6 +262,48 @@ class SearchProblem:
             basis=(basis, rest),
         )
 
+    def linear_fits(self, fitted: Fitted, form_sd: float) -> tuple[LinearFit, LinearFit]:
+        """Linear fits with an exact form, and with one discrepant by `form_sd`.
+
+        Each has the likeliest random-walk gain, if that exceeds its penalty. Coordinates begin with
+        the `common` ones.
+        """
+        discrepant = self.linearised(fitted, form_sd, basis=self.common)
+        exact = dataclasses.replace(discrepant, form_discrepancy=discrepant.form_discrepancy[:, :0])
+        return self._with_random_walk_gain(exact), self._with_random_walk_gain(discrepant)
+
+    def _with_random_walk_gain(self, linear_fit: LinearFit) -> LinearFit:
+        left, columns = linear_fit.left_by_unit_information, self.common.T @ self.waves
+        gain = likeliest(left.scores[:, 0], left.residual(columns), self.data.n)
+        if not gain:
+            return linear_fit
+        discrepancy = np.hstack([linear_fit.form_discrepancy, gain * left.embed(columns)])
+        return dataclasses.replace(linear_fit, form_discrepancy=discrepancy, random_walk_gain=gain)
+
+    def log_evidence(self, linear_fit: LinearFit) -> float:
+        """Log evidence by unit information, with the penalty for a random-walk gain."""
+        return float(linear_fit.log[0]) - bic_penalty(linear_fit.random_walk_gain, self.data.n)
+
+    @cached_property
+    def base_linear_fit(self) -> LinearFit:
+        """The base model alone."""
+        return self.linearised(self.base_fit, 0.0)
+
+    @cached_property
+    def nothing_added(self) -> tuple[Structure, float]:
+        """The test on what the base model alone leaves, and its log evidence."""
+        return self.remaining(self.base_linear_fit.left), self.log_evidence(self.base_linear_fit)
+
+    @cached_property
+    def null_fit(self) -> LinearFit:
+        """Base model, with a random-walk gain if its evidence is higher."""
+        return self._with_random_walk_gain(self.linearised(self.base_fit, 0.0, basis=self.common))
+
+    @cached_property
+    def unnamed(self) -> float:
+        """Log evidence of the null."""
+        return self.log_evidence(self.null_fit)
+
     def remaining(self, left: Integrated) -> Structure:
         """The whole test on what an explanation leaves."""
         return structure.examine(
@@ -289,18 +314,6 @@ class SearchProblem:
             self.options.false_alarm_rate,
         )
 
-    def least_without_each(self, linear_fit: LinearFit) -> FloatArray:
-        """Smallest log10 p of the whole test on a linear fit's residuals without each trial, (n,).
-
-        It is to first order.
-        """
-        left = linear_fit.left
-        hypotheses = structure.mapped(self.hypotheses[0], left.whiten)
-        _, stacked, ranks = structure.bases(hypotheses, left.removed)
-        if not len(ranks):
-            return np.zeros(self.data.n)
-        return structure.least_log10_p(linear_fit.without_each.T, stacked, ranks)
-
     def left_by(self, e: Explanation) -> Structure:
         """Test for structure on the residuals of an explanation, computed if it was not yet."""
         if e.left is not None:
@@ -310,94 +323,60 @@ class SearchProblem:
     def explain(
         self, effects: tuple[Effect, ...], without: tuple[Explanation, ...] = ()
     ) -> Explanation:
-        """Fit one effect in its likeliest form, or a pair in given forms, and test the residuals.
+        """Fit one effect in its likeliest form, or a pair in given forms; test the residuals, if
+        its effects could then be named.
 
         `without` are the explanations that lack one of a pair's effects. Forms are assumed to be as
         likely in a pair as alone.
         """
         gains = tuple(e.gain for e in without) or (0.0,)
         each = [(form,) for form in effects[0].forms] if len(effects) == 1 else [effects]
-        judged = [self.likeliest(form, gains) for form in each]
+        judged = [self._likeliest(form, gains) for form in each]
         inside = [not e.fitted.at_bound for e in judged]
-        log = np.nan_to_num([e.evidence.log for e in judged], nan=-np.inf)
+        log = np.nan_to_num([e.log_evidence for e in judged], nan=-np.inf)
         if any(inside):
             log[np.logical_not(inside)] = -np.inf
         best = judged[int(log.argmax())]
-        other_forms = -float(np.log(len(log)))
+        other_forms = sum(e.other_forms for e in without) - float(np.log(len(log)))
         if np.isfinite(log.max()):  # no form has evidence where lift scatters over decades
             other_forms += float(np.logaddexp.reduce(log) - log.max())
-        other_forms += sum(e.evidence.other_forms for e in without)
-        evidence = dataclasses.replace(best.evidence, other_forms=other_forms)
-        return self.tested(dataclasses.replace(best, evidence=evidence))
+        best = dataclasses.replace(best, other_forms=other_forms)
+        if best.eligible and best.over_none > CREDIT:
+            return dataclasses.replace(best, left=self.left_by(best))
+        return best
 
-    def likeliest(self, effects: tuple[Effect, ...], without: tuple[float, ...]) -> Explanation:
-        """Explanation by effects of given forms, the likeliest over `SESSION_SPREADS`.
-
-        `without` are the gains of the explanations that lack one of its effects.
-        """
+    def _likeliest(self, effects: tuple[Effect, ...], without: tuple[float, ...]) -> Explanation:
+        """Explanation by effects of given forms, the likeliest over `SESSION_SPREADS`."""
         first, *others = self.candidates(*effects)
         fits = [search(first, self.starts, self.log_lift)]
         for candidate in others:
             fits.append(fit(candidate, self.space, self.log_lift, fits[-1].vector))
-        return max(
-            (self.judged(f, self.options.form_sd, without) for f in fits),
-            key=lambda e: e.evidence.log,
-        )
-
-    def linear_fits(self, fitted: Fitted, form_sd: float) -> tuple[LinearFit, LinearFit]:
-        """Linear fits with an exact form, and with one discrepant by `form_sd`.
-
-        Each has the likeliest random-walk gain.
-        """
-        discrepant = self.linearised(fitted, form_sd, basis=self.common)
-        exact = dataclasses.replace(discrepant, form_discrepancy=discrepant.form_discrepancy[:, :0])
-        return self.with_random_walk_gain(exact), self.with_random_walk_gain(discrepant)
-
-    def with_random_walk_gain(self, linear_fit: LinearFit) -> LinearFit:
-        """The fit with the likeliest random-walk gain, if that exceeds its penalty.
-
-        Its coordinates begin with the `common` ones.
-        """
-        left, waves = linear_fit.left_by_unit_information, self.waves_in_common
-        gain = likeliest(left.scores[:, 0], left.residual(waves), self.data.n)
-        if not gain:
-            return linear_fit
-        columns = np.hstack([linear_fit.form_discrepancy, gain * left.embed(waves)])
-        return dataclasses.replace(linear_fit, form_discrepancy=columns, random_walk_gain=gain)
+        each = (self.judged(f, self.options.form_sd, without) for f in fits)
+        return max(each, key=lambda e: e.log_evidence)
 
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
-        """Explanation of a fit with form discrepant by `form_sd`, its residuals not tested yet."""
+        """Explanation of a fit with form discrepant by `form_sd`, its residuals not tested yet.
+
+        `without` are the gains of the explanations that lack one of its effects.
+        """
         exact, discrepant = self.linear_fits(fitted, form_sd)
         gain = self.gain(fitted, form_sd)
-        other = self.downwash_evidence(fitted)
+        inflow = log_density(self.options.downwash, fitted) - self._base_downwash
         return Explanation(
             fitted=fitted,
             form_sd=form_sd,
             random_walk_gain=discrepant.random_walk_gain,
-            left=None,
             gain=gain,
             needed=all(bool(self.explains_enough(gain - g, self.excess - g)) for g in without),
-            evidence=ExplanationEvidence(
-                exact=self.log_evidence(exact) + other,
-                discrepant=self.log_evidence(discrepant) + other,
-                unnamed=self.unnamed,
-            ),
+            exact=self.log_evidence(exact) + inflow,
+            discrepant=self.log_evidence(discrepant) + inflow,
+            unnamed=self.unnamed,
         )
-
-    def downwash_evidence(self, fitted: Fitted) -> float:
-        """Log Bayes factor over the base model by the measured downwash."""
-        return log_density(self.options.downwash, fitted) - self._base_downwash
 
     @cached_property
     def _base_downwash(self) -> float:
         """Log density of the measured downwash given the base model."""
         return log_density(self.options.downwash, self.base_fit)
-
-    def tested(self, e: Explanation) -> Explanation:
-        """Explanation with its residuals tested, if its effects could then be named."""
-        if e.eligible and e.evidence.over_none > CREDIT:
-            return dataclasses.replace(e, left=self.left_by(e))
-        return e
 
     def gain(self, fitted: Fitted, form_sd: float) -> float:
         """Drop of chi2 by effects of declared form; the size of one that restarts with every
@@ -410,43 +389,16 @@ class SearchProblem:
     def explains_enough(
         self, gain: FloatArray | float, excess: FloatArray | float
     ) -> NDArray[np.bool_]:
-        """Whether so much of chi2 is the greater part of a structure's `excess` over noise."""
-        return np.asarray(gain >= GREATER_PART * excess - self.excess_sd)
-
-    @property
-    def excess_sd(self) -> float:
-        """Standard deviation of `excess` under noise of estimated scale, times `BY_CHANCE`."""
+        """Whether so much of chi2 is the greater part of a structure's `excess` over noise, less
+        `BY_CHANCE` standard deviations of that excess under noise of estimated scale.
+        """
         d = self.hypotheses[1].shape[1]
-        return BY_CHANCE * float(np.sqrt(2 * d * (1 + d / self.noise.dof)))
+        sd = float(np.sqrt(2 * d * (1 + d / self.noise.dof)))
+        return np.asarray(gain >= GREATER_PART * excess - BY_CHANCE * sd)
 
     @cached_property
     def excess(self) -> float:
         """Chi2 of the structure beyond what noise would have."""
-        _, basis = self.hypotheses
-        base = self.base_fit
+        basis, base = self.hypotheses[1], self.base_fit
         chi2 = float(np.sum((basis.T @ base.residual) ** 2) + base.datum_chi2)
         return max(chi2 - float(basis.shape[1]), 1e-12)
-
-    @cached_property
-    def base_linear_fit(self) -> LinearFit:
-        """The base model alone."""
-        return self.linearised(self.base_fit, 0.0)
-
-    @cached_property
-    def null_fit(self) -> LinearFit:
-        """Base model, with a random-walk gain if its evidence is higher."""
-        return self.with_random_walk_gain(self.linearised(self.base_fit, 0.0, basis=self.common))
-
-    @cached_property
-    def unnamed(self) -> float:
-        """Log evidence of the null."""
-        return self.log_evidence(self.null_fit)
-
-    @cached_property
-    def nothing_added(self) -> tuple[Structure, float]:
-        """The test on what the base model alone leaves, and its log evidence."""
-        return self.remaining(self.base_linear_fit.left), self.log_evidence(self.base_linear_fit)
-
-    def log_evidence(self, linear_fit: LinearFit) -> float:
-        """Log evidence by unit information, with the penalty for a random-walk gain."""
-        return float(linear_fit.log[0]) - bic_penalty(linear_fit.random_walk_gain, self.data.n)

@@ -15,12 +15,13 @@ from nearlift.loop.evidence import PLAIN_2LNB
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
-from nearlift.results.diagnosis import CoefficientLimit
-from nearlift.results.outlook import NextExperiment, NextSession
+from nearlift.results.outlook import NextSession
 
 #: Non-centrality at which a rival drops out of the answer: the bound for rivals, and a margin for
 #: scatter.
-APART = PLAIN_2LNB + 4.0
+SEPARATED = PLAIN_2LNB + 4.0
+#: Rivals for which a session is proposed, at most.
+MOST_RIVALS = 4
 #: Trials in a proposed session.
 SESSION = 160
 #: Weight on the evidence of a session that may not be feasible, where sessions are ranked.
@@ -156,66 +157,37 @@ def parted(problem: SearchProblem, data: Observations, one: Point, other: Point)
     return float(left @ left)
 
 
-def next_experiment(problem: SearchProblem, answer: Answer) -> tuple[NextSession, ...]:
+def next_experiment(answer: Answer) -> tuple[NextSession, ...]:
     """For each of up to four rivals, the session that discriminates it best from the first
     explanation, by expected evidence per trial.
 
     If structure is unexplained, the two likeliest explanations take their place.
     """
-    compared = answer.accepted
+    problem, compared = answer.problem, answer.accepted
     if answer.verdict == "unexplained":
-        tried = [
-            e
-            for e in (*answer.singles, *answer.pairs)
-            if np.isfinite(e.evidence.log) and e.evidence.over_none > 0
-        ]
-        compared = tuple(sorted(tried, key=lambda e: -e.evidence.log)[:2])
-    if len(compared) < 2:
-        return ()
-    best = compared[0]
+        tried = [e for e in answer.tried if np.isfinite(e.log_evidence) and e.over_none > 0]
+        compared = tuple(sorted(tried, key=lambda e: -e.log_evidence)[:2])
     experiments = []
-    for rival in compared[1:5]:
-        now = parted(problem, problem.data, best.fitted.point, rival.fitted.point)
+    for best, rival in zip(compared[:1] * MOST_RIVALS, compared[1:], strict=False):
+        points = best.fitted.point, rival.fitted.point
+        now = parted(problem, problem.data, *points)
         ranked = []
         for proposal in menu(
             problem.data, problem.options.not_feasible, problem.options.contact_z_hat
         ):
             whole = join(problem.data, proposal.added)
-            gain = parted(problem, whole, best.fitted.point, rival.fitted.point) - now
+            gain = parted(problem, whole, *points) - now
             ranked.append((gain / proposal.added.n, proposal))
         rate, proposal = max(ranked, key=lambda item: item[0] * item[1].weight)
         if rate < POINTLESS:
             continue
-        wanted = max(APART - now, 0.0)
         experiments.append(
             NextSession(
                 separates=(best.name, rival.name),
                 measure=proposal.text,
                 trials=proposal.added.n,
                 expected_evidence=rate * proposal.added.n,
-                trials_to_separate=int(np.ceil(wanted / rate)),
+                trials_to_separate=int(np.ceil(max(SEPARATED - now, 0.0) / rate)),
             )
         )
-    return tuple(experiments)
-
-
-def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment, ...]:
-    """Visits to add where one distance determines coefficients or session gains absorb them; see
-    `absorption.unidentifiable_coefficients`.
-    """
-    experiments = []
-    for limit in limits:
-        if limit.absorbed_by:
-            other = limit.absorbed_by
-            measure = (
-                "several distances within each session, in random order, so that a session's"
-                " gain shifts them all alike"
-            )
-        elif limit.rests_on:
-            z_hat = limit.rests_on["z_hat"]
-            other = f"the one visit at z_hat = {z_hat:.2g}"
-            measure = f"more visits around z_hat = {z_hat:.2g}, in other sessions"
-        else:
-            continue
-        experiments.append(NextExperiment(separates=(limit.coefficient, other), measure=measure))
     return tuple(experiments)

@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.declare import FloatArray
 from nearlift.likelihood import student
-from nearlift.loop import weigh
+from nearlift.loop import structure, weigh
 from nearlift.loop.admission import few
 from nearlift.loop.candidate_fit import Fitted, optima
-from nearlift.loop.evidence import CREDIT
-from nearlift.loop.explanation import Explanation
+from nearlift.loop.evidence import CREDIT, Explanation, LinearFit
 from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 from nearlift.rounding import plain
@@ -61,11 +62,11 @@ def likeliest(answer: Answer) -> Explanation | None:
     """The explanation that comes first, as it was tried, or else the likeliest of those that
     nothing forbids to name.
     """
-    tried = (*answer.singles, *answer.pairs)
     if answer.accepted:
         first = answer.accepted[0]
-        return next((e for e in tried if e.name == first.name), first)
-    return max((e for e in tried if e.eligible), key=lambda e: e.evidence.log, default=None)
+        return next((e for e in answer.tried if e.name == first.name), first)
+    eligible = (e for e in answer.tried if e.eligible)
+    return max(eligible, key=lambda e: e.log_evidence, default=None)
 
 
 def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice]:
@@ -79,9 +80,8 @@ def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice
         return []
     headline = quoted.coefficients[quoted.headline]
     i = [p.name for p in problem.base.parameters].index(quoted.headline)
-    fitted, named = first.fitted, {e.effects for e in answer.accepted}
-    margin = first.evidence.over_none - CREDIT
-    if not named:
+    fitted, margin = first.fitted, first.over_none - CREDIT
+    if not answer.accepted:
         return [(problem.base_fit, fitted, -margin)] if margin < 0 else []
     # where visits are few, those left out decide, and no evidence
     chosen = [] if problem.independent else [(fitted, problem.base_fit, margin)]
@@ -107,17 +107,13 @@ def influential_trials(
     chosen = influential_decisions(answer, quoted)
     if not chosen:
         return ()
-    labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
+    labels, index = np.unique(label, return_inverse=True)
     share, order = np.zeros(len(labels)), answer.problem.space.covariance.order
     for one, other, margin in chosen:
         each = np.bincount(index[order], 0.5 * (other.residual**2 - one.residual**2))
         np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
-    where = np.bincount(index, answer.problem.data.z_hat) / count
-    return tuple(
-        Shift.at(float(where[j]), str(labels[j]), 0.0)
-        for j in np.argsort(-share)[:TRIES]
-        if share[j] > PART
-    )
+    most = np.argsort(-share)[:TRIES]
+    return _shifts(answer.problem.data, label, labels[most[share[most] > PART]])
 
 
 def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
@@ -136,18 +132,26 @@ def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
         tests.append((linear_fit, first.left))
     beyond = np.max(
         [
-            (least - test.threshold) * (1 if test.present else -1)
+            (_least_without_each(problem, linear_fit) - test.threshold) * (2 * test.present - 1)
             for linear_fit, test in tests
-            for least in [problem.least_without_each(linear_fit)]
         ],
         axis=0,
     )
-    order, data = problem.space.covariance.order, problem.data
-    return tuple(
-        Shift.at(float(data.z_hat[order[i]]), str(data.trial[order[i]]), 0.0)
-        for i in np.argsort(-beyond)[:TRIES]
-        if beyond[i] > -NEAR
-    )
+    most = np.argsort(-beyond)[:TRIES]
+    trial = problem.data.trial
+    decisive = problem.space.covariance.order[most[beyond[most] > -NEAR]]
+    return _shifts(problem.data, trial, trial[decisive])
+
+
+def _least_without_each(problem: SearchProblem, linear_fit: LinearFit) -> FloatArray:
+    """Smallest log10 p of the whole test on a linear fit's residuals without each trial, (n,), to
+    first order.
+    """
+    left = linear_fit.left
+    hypotheses = structure.mapped(problem.hypotheses[0], left.whiten)
+    _, stacked, ranks = structure.bases(hypotheses, left.removed)
+    each = left.deform(np.hstack(linear_fit.basis).T * linear_fit.fitted.residual)
+    return structure.least_log10_p((left.scores - each).T, stacked, ranks)
 
 
 def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
@@ -156,7 +160,7 @@ def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """
     data = answer.problem.data
     if few(data, answer.problem.base):
-        return each_of(data.trial, data)
+        return _shifts(data, data.trial, np.unique(data.trial))
     return (*influential_trials(answer, quoted, data.trial), *trials_flipping_a_test(answer))
 
 
@@ -167,7 +171,7 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """
     data = answer.problem.data
     if few(data, answer.problem.base):
-        return each_of(data.visit, data)
+        return _shifts(data, data.visit, np.unique(data.visit))
     influential = influential_trials(answer, quoted, data.visit)
     most = quoted.most_influential
     if most and most[0] == "visit" and most[1].id not in [one.id for one in influential]:
@@ -175,11 +179,9 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     return influential
 
 
-def each_of(label: NDArray[Any], data: Observations) -> tuple[Shift, ...]:
-    """Every trial or visit, by `label` (n,)."""
-    return tuple(
-        Shift.at(float(data.z_hat[label == one].mean()), str(one), 0.0) for one in np.unique(label)
-    )
+def _shifts(data: Observations, label: NDArray[Any], wanted: NDArray[Any]) -> tuple[Shift, ...]:
+    """The `wanted` trials or visits, by `label` (n,), with an unknown shift."""
+    return tuple(Shift.at(float(data.z_hat[label == one].mean()), str(one), 0.0) for one in wanted)
 
 
 def with_decisive_trial(
@@ -234,47 +236,39 @@ def without_visits(
     name = quoted.headline
     if not name or not np.isfinite(quoted.coefficients[name].u):
         return []
-    c, tried = quoted.coefficients[name], []
+    c, tried, problem, fitted = quoted.coefficients[name], [], answer.problem, answer.best
+    i = [p.name for p in problem.base.parameters].index(name)
+    gain = fitted.covariance[i] @ fitted.jacobian.T
     for visit in visits:
         again = without(visit.id)
         if again is None:
             continue
-        value = again.intervals[name][0]
         # the variance of a difference from an efficient estimate is the difference of variances
         # (Hausman 1978, Econometrica 46, 1251); half of a 90 % interval is in proportion to u
         half = student.quantile(0.95, c.dof) * c.u
         spread = c.u * np.sqrt(max((again.widths[name] / (2 * half)) ** 2 - 1, LEAST_SPREAD**2))
-        shift = value - c.value
+        shift = again.intervals[name][0] - c.value
+        a_mm = 1e-3 * problem.slope * (problem.data.visit.astype(str) == visit.id)
         moved = replace(
             visit,
             shift=float(shift),
             standardised=float(abs(shift) / spread) if again.verdict == quoted.verdict else None,
-            shift_per_mm=_shift_per_mm(answer, name, visit.id),
+            shift_per_mm=float(gain @ problem.space.project(a_mm)),
         )
         tried.append((moved, again))
     return tried
-
-
-def _shift_per_mm(answer: Answer, name: str, visit: str) -> float:
-    """Change of a coefficient per millimetre of error in the distance of one visit."""
-    problem, fitted = answer.problem, answer.best
-    moved = 1e-3 * problem.slope * (problem.data.visit.astype(str) == visit)
-    shift = fitted.covariance @ fitted.jacobian.T @ problem.space.project(moved)
-    return float(shift[[p.name for p in problem.base.parameters].index(name)])
 
 
 def contradicting(quoted: BoundaryResult, tried: Sequence[tuple[Shift, Without]]) -> list[str]:
     """Visits that contradict the rest, in words: without one the headline moves by more than its
     standard uncertainty, and by more than chance.
     """
-    if not tried:
-        return []
-    headline = quoted.coefficients[quoted.headline]
     return [
         f"visit {visit.place} contradicts the rest: without it {quoted.headline} moves by"
         f" {plain(visit.shift, 2)}, {plain(visit.standardised or 0.0, 2)} standard deviations"
         for visit, _ in tried
-        if abs(visit.shift) > headline.u and (visit.standardised or 0.0) > CONTRADICTS
+        if abs(visit.shift) > quoted.coefficients[quoted.headline].u
+        and (visit.standardised or 0.0) > CONTRADICTS
     ]
 
 

@@ -27,7 +27,7 @@ LEAST_P = 1e-300
 #: Terms of the continued fraction, enough far out in the tail, where it is used.
 TERMS = 40
 #: Relative difference below which log p-values are tied but for rounding; the first in order leads.
-SAME = 1e-9
+TIED = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Hypothesis:
     """One family, or one shape of the library effect named in `effect`.
 
     Columns are of log lift (n, k), or (d, k) in a reduced space with unit noise. `covariate` is the
-    one along which they vary.
+    one along which they vary, as results name it.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Structure:
         """
         best: dict[str, tuple[float, str]] = {}
         for name, covariate, value in zip(self.names, self.covariates, self.log10_p, strict=True):
-            if covariate not in best or value < best[covariate][0] * (1 + SAME):
+            if covariate not in best or value < best[covariate][0] * (1 + TIED):
                 best[covariate] = (float(value), name)
         return dict(sorted(best.items(), key=lambda item: item[1][0]))
 
@@ -81,12 +81,9 @@ def mapped(
     """The hypotheses with `change` applied to all their columns in one call."""
     if not hypotheses:
         return ()
-    together = change(np.hstack([h.columns for h in hypotheses]))
     ends = np.cumsum([h.columns.shape[1] for h in hypotheses])[:-1]
-    return tuple(
-        replace(h, columns=x)
-        for h, x in zip(hypotheses, np.split(together, ends, axis=1), strict=True)
-    )
+    together = np.split(change(np.hstack([h.columns for h in hypotheses])), ends, axis=1)
+    return tuple(replace(h, columns=x) for h, x in zip(hypotheses, together, strict=True))
 
 
 def bases(
@@ -102,38 +99,28 @@ def bases(
         Their bases side by side.
     ranks : (len(which),)
     """
-    if not hypotheses:
-        return [], np.zeros((len(remove), 0)), np.zeros(0, dtype=int)
-    together = np.hstack([h.columns for h in hypotheses])
+    which, blocks, ranks = [], [np.zeros((len(remove), 0))], []
+    together = np.hstack([*blocks, *(h.columns for h in hypotheses)])
     before = np.linalg.norm(together, axis=0)
     together = together - remove @ (remove.T @ together)
     after = np.linalg.norm(together, axis=0)
-    which, blocks, ranks = [], [], []
     stop = 0
     for i, h in enumerate(hypotheses):
         start, stop = stop, stop + h.columns.shape[1]
         x = together[:, start:stop]
         if stop - start == 1:
-            if after[start] > 1e-4 * max(before[start], 1e-300):
-                which.append(i)
-                blocks.append(x / after[start])
-                ranks.append(1)
-            continue
-        # by the Gram matrix, with the longest column scaled to 1
-        scale = max(before[start:stop].max(initial=0.0), 1e-300)
-        squares, turn = np.linalg.eigh((x / scale).T @ (x / scale))
-        kept = squares > 1e-11
-        if kept.any():
+            basis = x[:, after[start:stop] > 1e-4 * max(before[start], 1e-300)] / after[start]
+        else:
+            # by the Gram matrix, with the longest column scaled to 1
+            scale = max(before[start:stop].max(initial=0.0), 1e-300)
+            squares, turn = np.linalg.eigh((x / scale).T @ (x / scale))
+            kept = squares > 1e-11
+            basis = x @ (turn[:, kept] / (scale * np.sqrt(squares[kept])))
+        if basis.shape[1]:
             which.append(i)
-            blocks.append(x @ (turn[:, kept] / (scale * np.sqrt(squares[kept]))))
-            ranks.append(int(kept.sum()))
-    stacked = np.hstack(blocks) if blocks else np.zeros((len(remove), 0))
-    return which, stacked, np.array(ranks, dtype=int)
-
-
-def log10_p(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
-    """Log10 p-value of each hypothesis for score vectors (..., d); (..., number of hypotheses)."""
-    return log10_tail(chi2_of_each(scores, stacked, ranks), ranks)
+            blocks.append(basis)
+            ranks.append(basis.shape[1])
+    return which, np.hstack(blocks), np.array(ranks, dtype=int)
 
 
 def log10_tail(chi2: FloatArray, ranks: FloatArray) -> FloatArray:
@@ -172,14 +159,14 @@ def _table(rank: int) -> tuple[FloatArray, FloatArray]:
 
 
 def least_log10_p(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
-    """Smallest log10 p-value of each draw (m, d), from tables; (m,)."""
-    chi2 = chi2_of_each(draws, stacked, ranks)
+    """Smallest log10 p-value of each draw (m, d), from tables; (m,), 0 without hypotheses."""
     least = np.zeros(len(draws))
-    for rank in np.unique(ranks):
-        # at equal degrees of freedom the largest chi-square is the most significant
-        np.minimum(
-            least, np.interp(chi2[:, ranks == rank].max(axis=1), *_table(int(rank))), out=least
-        )
+    if len(ranks):
+        chi2 = chi2_of_each(draws, stacked, ranks)
+        for rank in np.unique(ranks):
+            # at equal degrees of freedom the largest chi-square is the most significant
+            most = chi2[:, ranks == rank].max(axis=1)
+            np.minimum(least, np.interp(most, *_table(int(rank))), out=least)
     return least
 
 
@@ -207,13 +194,8 @@ class Null:
         start, excess = self.tail
         if log10_p < start:
             return float(max(TAIL * np.exp((log10_p - start) / max(excess, LEAST_P)), LEAST_P))
-        return float(
-            (1 + np.searchsorted(self.least, log10_p, side="right")) / (1 + len(self.least))
-        )
-
-
-#: Null of a single test, which shows what a search does without correction for multiplicity.
-ALONE = Null(np.log10((np.arange(DRAWS) + 0.5) / DRAWS))
+        below = np.searchsorted(self.least, log10_p, side="right")
+        return float((1 + below) / (1 + len(self.least)))
 
 
 def draw(
@@ -221,22 +203,16 @@ def draw(
 ) -> Null:
     """Simulated null distribution of the smallest p-value of these hypotheses.
 
-    Parameters
-    ----------
-    hypotheses : tuple of Hypothesis
-    remove : (d, q)
-        Orthonormal directions that the model absorbs.
-    rng : Generator
-    dof : float
-        Degrees of freedom of the noise estimate, whose scale is drawn, too.
+    `remove` (d, q) are orthonormal directions that the model absorbs, `dof` the degrees of freedom
+    of the noise estimate, whose scale is drawn, too.
     """
     _, stacked, ranks = bases(hypotheses, remove)
-    least = np.zeros(DRAWS)
-    for first in range(0, DRAWS if len(ranks) else 0, AT_ONCE):
+    least = []
+    for _ in range(0, DRAWS, AT_ONCE):
         draws = rng.standard_normal((AT_ONCE, len(stacked)), dtype=np.float32).astype(float)
         scale = np.sqrt(dof / rng.chisquare(dof, size=(AT_ONCE, 1)))
-        least[first : first + AT_ONCE] = least_log10_p(draws * scale, stacked, ranks)
-    return Null(np.sort(least))
+        least.append(least_log10_p(draws * scale, stacked, ranks))
+    return Null(np.sort(np.concatenate(least)))
 
 
 def examine(
@@ -246,29 +222,21 @@ def examine(
     null: Null,
     rate: float,
 ) -> Structure:
-    """Test all hypotheses at once.
+    """Test all hypotheses at once, at a false-alarm `rate` of all together.
 
-    Parameters
-    ----------
-    scores : (d,)
-        The data in the reduced space, unit noise, `remove` already projected out.
-    hypotheses : tuple of Hypothesis
-    remove : (d, q)
-        Orthonormal directions that the model absorbs.
-    null : Null
-    rate : float
-        False-alarm rate of all tests together.
+    `scores` (d,) are the data in the reduced space, unit noise, with the orthonormal directions
+    `remove` (d, q) that the model absorbs already projected out.
     """
     which, stacked, ranks = bases(hypotheses, remove)
     if not which:
         return Structure(
             names=(), covariates=(), log10_p=np.zeros(1), p_value=1.0, threshold=-np.inf
         )
-    log10 = log10_p(scores, stacked, ranks)
+    log10_p = log10_tail(chi2_of_each(scores, stacked, ranks), ranks)
     return Structure(
         names=tuple(hypotheses[i].name for i in which),
         covariates=tuple(hypotheses[i].covariate for i in which),
-        log10_p=log10,
-        p_value=null.p_value(log10.min()),
+        log10_p=log10_p,
+        p_value=null.p_value(log10_p.min()),
         threshold=null.threshold(rate),
     )

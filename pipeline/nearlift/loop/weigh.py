@@ -10,7 +10,7 @@ is assumed (docs/calibration.md).
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.loop import structure
-from nearlift.loop.evidence import Integrated
-from nearlift.loop.explanation import Explanation
+from nearlift.loop.evidence import Explanation, Integrated
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.structure import Hypothesis, Structure
-from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results.diagnosis import ExplanationProbability
 
 #: Divisor of log evidence.
@@ -47,19 +45,13 @@ NEGLIGIBLE = 12.0
 K = TypeVar("K", bound=Hashable)
 #: Effects of an explanation, and the covariate of its nameless structure.
 Key = tuple[tuple[str, ...], str]
-#: An explanation with the log of its relative probability.
-Term = tuple[Key, float]
 
 
 def family_log_evidence(chi2: FloatArray, rank: FloatArray, n: int) -> FloatArray:
     """Log Bayes factor of random effects along orthonormal directions over none, (k,).
 
-    Parameters
-    ----------
-    chi2, rank : (k,)
-        Squared length of the whitened residual along each family, and its number of directions.
-    n : int
-        Number of trials; the effects' sizes are root mean squares over them.
+    `chi2` and `rank` (k,) are the squared length of the whitened residual along each family, and
+    its number of directions. Sizes are root mean squares over `n` trials.
     """
     from scipy.special import logsumexp
 
@@ -74,24 +66,23 @@ def nameless(problem: SearchProblem, left: Integrated) -> dict[str, float]:
     Families have equal prior probability, shared by the times of a step; sums are over those of the
     same covariate.
     """
-    families = [h for h in problem.hypotheses[0] if not h.effect]
-    kept, chi2, ranks = tested(families, left)
+    kept, chi2, ranks = _tested([h for h in problem.hypotheses[0] if not h.effect], left)
     names = [h.name for h in kept]
     shares = np.log([names.count(name) * len(set(names)) for name in names])
     log_bf = family_log_evidence(chi2, ranks, problem.data.n) - shares
-    return _summed([SCHEDULE_WORDS.get(h.covariate, h.covariate) for h in kept], log_bf)
+    return _summed(zip((h.covariate for h in kept), log_bf, strict=True))
 
 
 def first_order(problem: SearchProblem) -> dict[str, float]:
     """Log Bayes factor of each effect over the base model, to first order by unit information."""
     effects = [h for h in problem.hypotheses[0] if h.effect]
-    kept, chi2, ranks = tested(effects, problem.base_linear_fit.left)
+    kept, chi2, ranks = _tested(effects, problem.base_linear_fit.left)
     shapes = [h.effect for h in kept]
     log_bf = 0.5 * (chi2 - ranks * np.log(problem.data.n))
-    return _summed(shapes, log_bf - np.log([shapes.count(name) for name in shapes]))
+    return _summed(zip(shapes, log_bf - np.log([*map(shapes.count, shapes)]), strict=True))
 
 
-def tested(
+def _tested(
     hypotheses: list[Hypothesis], left: Integrated
 ) -> tuple[list[Hypothesis], FloatArray, FloatArray]:
     """Hypotheses of which a fit leaves anything, with chi-square and rank of each."""
@@ -104,10 +95,10 @@ def tested(
     return [hypotheses[i] for i in which], chi2, ranks
 
 
-def _summed(keys: Sequence[K], log: FloatArray) -> dict[K, float]:
+def _summed(terms: Iterable[tuple[K, float]]) -> dict[K, float]:
     """Log of the sum of weights given as logarithms, by key."""
     total: dict[K, float] = {}
-    for key, value in zip(keys, log.tolist(), strict=True):
+    for key, value in terms:
         total[key] = float(np.logaddexp(total.get(key, -np.inf), value))
     return total
 
@@ -117,16 +108,15 @@ def log_odds(problem: SearchProblem, effects: int) -> float:
 
     All single effects together have odds 1, as have all second effects `LOG_SECOND_ODDS`.
     """
-    n = max(len({e.name for e, _ in problem.library}), 3)
+    n = max(len(problem.known_effects), 3)
     single = -float(np.log(n))
     return single if effects < 2 else single + LOG_SECOND_ODDS - float(np.log((n - 1) / 2))
 
 
 def log_weights(problem: SearchProblem, explanations: Sequence[Explanation]) -> FloatArray:
     """Log of the relative probabilities of explanations, (k,)."""
-    return np.array(
-        [e.evidence.log / TEMPERATURE + log_odds(problem, len(e.effects)) for e in explanations]
-    )
+    odds = (0.0, log_odds(problem, 1), log_odds(problem, 2))
+    return np.array([e.log_evidence / TEMPERATURE + odds[len(e.effects)] for e in explanations])
 
 
 def relative(problem: SearchProblem, explanations: Sequence[Explanation]) -> FloatArray:
@@ -187,17 +177,47 @@ def weigh(
     may be named. Trials are `silent` if no test shows structure. The likeliest are first; those
     below `LEAST_LISTED` are summed at the end.
     """
-    of_nothing = LOG_SILENT_ODDS if silent else LOG_DETECTED_ODDS
-    terms = _unnamed(problem, first, of_nothing)
-    if not first.present:
-        nothing, odds = terms[0][1] - of_nothing, log_odds(problem, 1)
-        effects = first_order(problem).items()
-        terms += [(((name,), ""), nothing + v / TEMPERATURE + odds) for name, v in effects]
+    # of few visits, scores on those left out are relative to the base model's
+    nothing = 0.0 if problem.independent else problem.nothing_added[1]
+    foremost = next(iter(first.foremost()), "distance")
+    odds = LOG_SILENT_ODDS if silent else LOG_DETECTED_ODDS
+    terms: list[tuple[Key, float]] = [(((), ""), nothing / TEMPERATURE + odds)]
+
+    def add_nameless(families: Iterable[tuple[str, float]], log_weight: float) -> None:
+        for along, log_bf in families:
+            terms.append((((), along), log_weight + log_bf / TEMPERATURE + LOG_NAMELESS_ODDS))
+
+    if problem.independent:
+        add_nameless([(foremost, 0.0)], 0.0)
     else:
-        terms += _explained(problem, first, allowed or tried, bool(allowed))
-    weights = _summed([key for key, _ in terms], np.array([value for _, value in terms]))
-    total = np.logaddexp.reduce([*weights.values()])
-    listed = sorted(((np.exp(v - total), k) for k, v in weights.items()), key=lambda i: -i[0])
+        along = nameless(problem, problem.base_linear_fit.left)
+        add_nameless(along.items(), nothing / TEMPERATURE)
+        if problem.null_fit.random_walk_gain:
+            add_nameless([("start", problem.unnamed - nothing)], nothing / TEMPERATURE)
+    if first.present:
+        named, explanations = bool(allowed), allowed or tried
+        log = log_weights(problem, explanations)
+        least = np.max(log, where=np.isfinite(log), initial=-np.inf) - NEGLIGIBLE / TEMPERATURE
+        # a share of each explanation is nameless structure that imitates it
+        share = NAMED_SHARE if named else REFUSED_SHARE
+        for e, value in zip(explanations, log.tolist(), strict=True):
+            if not (named or value >= least):
+                continue
+            terms.append(((e.effects, ""), value + float(np.log(share))))
+            terms.append((((), foremost), value + float(np.log(1 - share))))
+            if not (named or problem.independent):
+                linear_fit = problem.linearised(e.fitted, e.form_sd, e.random_walk_gain)
+                add_nameless(nameless(problem, linear_fit.left).items(), value)
+    else:
+        single = nothing / TEMPERATURE + log_odds(problem, 1)
+        for name, log_bf in first_order(problem).items():
+            terms.append((((name,), ""), single + log_bf / TEMPERATURE))
+    return _listed(_summed(terms))
+
+
+def _listed(log_weight: dict[Key, float]) -> tuple[ExplanationProbability, ...]:
+    total = np.logaddexp.reduce([*log_weight.values()])
+    listed = sorted(((np.exp(v - total), k) for k, v in log_weight.items()), key=lambda i: -i[0])
     kept = [
         ExplanationProbability(effects=effects, nameless=along or None, probability=float(value))
         for value, (effects, along) in listed
@@ -207,39 +227,3 @@ def weigh(
     if rest:
         kept.append(ExplanationProbability(effects=(), other=len(rest), probability=sum(rest)))
     return tuple(kept)
-
-
-def _unnamed(problem: SearchProblem, first: Structure, odds: float) -> list[Term]:
-    """Nothing first, with these log odds, then nameless structure along each covariate."""
-    if problem.independent:
-        # scores on visits left out are relative to the base model's, and families have none
-        foremost = next(iter(first.foremost()), "distance")
-        return [(((), ""), odds), (((), foremost), LOG_NAMELESS_ODDS)]
-    nothing = problem.nothing_added[1]
-    along = [*nameless(problem, problem.base_linear_fit.left).items()]
-    if problem.null_fit.random_walk_gain:
-        along.append(("start", problem.unnamed - nothing))
-    terms: list[Term] = [(((), ""), nothing / TEMPERATURE + odds)]
-    for name, value in along:
-        terms.append((((), name), (nothing + value) / TEMPERATURE + LOG_NAMELESS_ODDS))
-    return terms
-
-
-def _explained(
-    problem: SearchProblem, first: Structure, explanations: Sequence[Explanation], named: bool
-) -> Iterator[Term]:
-    """Explanations, a share of each as nameless structure; with more of it in what they leave, if
-    none may be `named`.
-    """
-    log = log_weights(problem, explanations)
-    least = np.max(log, where=np.isfinite(log), initial=-np.inf) - NEGLIGIBLE / TEMPERATURE
-    share, foremost = NAMED_SHARE if named else REFUSED_SHARE, next(iter(first.foremost()))
-    for e, value in zip(explanations, log.tolist(), strict=True):
-        if not (named or value >= least):
-            continue
-        yield (e.effects, ""), value + float(np.log(share))
-        yield ((), foremost), value + float(np.log(1 - share))
-        if not (named or problem.independent):
-            linear_fit = problem.linearised(e.fitted, e.form_sd, e.random_walk_gain)
-            for name, gain in nameless(problem, linear_fit.left).items():
-                yield ((), name), value + gain / TEMPERATURE + LOG_NAMELESS_ODDS

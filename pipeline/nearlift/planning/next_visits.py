@@ -17,7 +17,7 @@ from nearlift.loop.next_visits import Plan
 from nearlift.loop.next_visits import Question as Aim
 from nearlift.loop.power import DesignPower, size_parameters
 from nearlift.loop.search_problem import SILENT, SearchProblem
-from nearlift.loop.separation import APART
+from nearlift.loop.separation import SEPARATED
 from nearlift.nomenclature import letter
 from nearlift.observed import Trials, boundaries, choice
 from nearlift.planning.forecast import Forecast, of_trials
@@ -144,7 +144,7 @@ def _batch(
     """Batch of visits, its gain and its cost."""
     boundary, seed, parts = problem.data.boundary, problem.options.seed, len(aim) > 1
     visits = plan.batch(count, generator(seed, "next visits", boundary, *aim))
-    u_wanted, u_now = 1 / np.sqrt(APART) if parts else until, plan.u(plan.now)
+    u_wanted, u_now = 1 / np.sqrt(SEPARATED) if parts else until, plan.u(plan.now)
     more: dict[str, int | None] = dict.fromkeys(("visits_wanted", "visits_evenly"))
     end = plan.after(visits)
     if u_wanted is not None and u_now <= u_wanted:
@@ -173,7 +173,7 @@ def _batch(
         aim=aim,
         now=known(u_now),
         after=known(plan.u(plan.after(visits))),
-        wanted=APART if parts else until,
+        wanted=SEPARATED if parts else until,
         **more,
         best=known(plan.least),
         sees=sees,
