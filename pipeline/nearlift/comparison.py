@@ -135,12 +135,11 @@ def _group(
 ) -> ComparedCoefficient:
     """Entries of one kind, and their population unless they are too few."""
     together: Population | None = None
-    shrunk: Sequence[Estimate | None] = [None] * len(members)
     if len(members) >= FEWEST:
         # an interval over rivals is lopsided, and its best value no centre: the population is
         # fitted to the interval
         value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])
-        together, shrunk = population(value, covariance(members, shared), members[0].quoted.unit)
+        together = population(value, covariance(members, shared), members[0].quoted.unit)
     keys = ("value", "u", "lo90", "hi90", "unit", "holds")
     return ComparedCoefficient(
         boundary=boundary,
@@ -153,9 +152,8 @@ def _group(
                 verdict=e.result.verdict,
                 claim=e.claim,
                 quoted=HeadlineValue(**{key: getattr(e.quoted, key) for key in keys}),
-                in_population=estimate,
             )
-            for e, estimate in zip(members, shrunk, strict=True)
+            for e in members
         ),
         remarks=tuple(_remarks(members, together)),
         population=together,

@@ -135,7 +135,6 @@ def test_no_number_of_repeats_undoes_a_bent_line():
     repeats = information.halvings(found)["K_b"].repeats
     assert repeats.times == np.inf
     assert "No number of repeats would halve u(K_b)" in repeats.text
-    assert found.estimates["K_b"].u / 2 < repeats.u_limit <= found.estimates["K_b"].u
 
 
 def test_a_height_error_is_among_them():

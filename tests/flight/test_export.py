@@ -56,7 +56,7 @@ def job(remake):
         "effects": [effect],
         "coefficients": {"after": {"alpha": {"value": 0.1, "lo90": 0.09, "hi90": 0.11}}},
     }
-    job.write_json(DIAGNOSIS, quoted.diagnosis({"ceiling": block}))
+    job.write(DIAGNOSIS, quoted.diagnosis({"ceiling": block}))
     quoted.write(job, {"ceiling": block})
     return job
 
@@ -281,7 +281,7 @@ def other_model(job, name, parameters, tilt_rad=None):
     ground = content["boundaries"]["ground"]
     was = ground["coefficients"]["K_b"]
     ground |= {"base_model": name, "coefficients": dict.fromkeys(parameters, was)}
-    job.write_json(RESULTS, content)
+    job.write(RESULTS, content)
     if tilt_rad is not None:
         trials = job.read(TRIALS)
         job.write(TRIALS, trials | {"tilt_rad": np.resize(tilt_rad, len(trials["z_hat"]))})

@@ -355,7 +355,7 @@ def test_a_model_that_folds_is_not_inverted_and_said_so(remake):
     job = remake("ground", detect=SENSOR)
     content = job.read_json(RESULTS)
     content["boundaries"]["ground"]["coefficients"]["K_b"] |= {"value": -3.0}
-    job.write_json(RESULTS, content)
+    job.write(RESULTS, content)
     (note,) = detect.run(job).notes
     assert "the model folds at z_hat" in note
     assert "located" not in job.read_json(PROXIMITY)["boundaries"]["ground"]
@@ -386,7 +386,7 @@ def test_lift_far_away_and_its_noise_are_those_of_the_accepted_model(remake):
         "noise_floor": quoted.EMPTY_BLOCK["noise_floor"] | {"relative": 0.003},
         "L_inf_N": accepted,
     }
-    job.write_json(DIAGNOSIS, quoted.diagnosis({"ground": block}))
+    job.write(DIAGNOSIS, quoted.diagnosis({"ground": block}))
     quoted.write(job, {"ground": block})
     floor = BoundarySensor(quoted_lifts(job), "ground").floor
     assert floor == pytest.approx(math.hypot(0.003, 0.001 / 1.02))

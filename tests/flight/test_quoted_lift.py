@@ -37,7 +37,7 @@ def diagnosed(job, boundary, effect, coefficients, **block):
             **block,
         }
     }
-    job.write_json(DIAGNOSIS, quoted.diagnosis(blocks))
+    job.write(DIAGNOSIS, quoted.diagnosis(blocks))
     quoted.write(job, blocks)
 
 

@@ -168,7 +168,7 @@ def test_a_quoted_uncertainty_of_another_kind_is_told(make_job):
         "results.json" in n for n in next_visits(job, VisitQuestion.parsed("K_b"))[0][0].notes
     )
     own["u"] *= 10
-    job.write_json(RESULTS, results)
+    job.write(RESULTS, results)
     ((found,), _) = next_visits(job, VisitQuestion.parsed("K_b"), 2)
     assert any(f"results.json quotes u(K_b) = {own['u']:.2g}" in note for note in found.notes)
 

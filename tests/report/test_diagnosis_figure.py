@@ -147,7 +147,7 @@ def diagnosed(job, found):
     whole = pd.concat(parts, ignore_index=True)
     texts = {n: whole[n].to_numpy(dtype=object) for n in ("boundary", "trial")}
     job.write(LOOP_RESIDUALS, {str(n): x.to_numpy() for n, x in whole.items()} | texts)
-    job.write_json(DIAGNOSIS, quoted.diagnosis(found))
+    job.write(DIAGNOSIS, quoted.diagnosis(found))
     quoted.write(job, found)
     return job
 

@@ -260,7 +260,7 @@ def test_a_figure_without_products_is_not_made_and_old_files_go(make_job):
 def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     job = make_job(boundaries=("ground",))
     content = quoted.diagnosis(quoted.DIAGNOSED["boundaries"])
-    job.write_json(DIAGNOSIS, content)
+    job.write(DIAGNOSIS, content)
     quoted.write(job, quoted.DIAGNOSED["boundaries"])
     report.run(job)
     text = (job.reports / "index.html").read_text()

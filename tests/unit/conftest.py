@@ -178,7 +178,7 @@ def remake(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
         if boundaries:
             for product in (FIT, RESULTS):
                 content = job.read_json(product)
-                job.write_json(
+                job.write(
                     product,
                     content | {"boundaries": {b: content["boundaries"][b] for b in boundaries}},
                 )

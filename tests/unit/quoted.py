@@ -25,7 +25,6 @@ EMPTY_BLOCK: Mapping[str, Any] = {
     "verdict": "adequate",
     "effects": [],
     "p_value": 1.0,
-    "threshold_log10_p": -3.0,
     "structure": [],
     "probabilities": [],
     "rounds": [],
@@ -151,7 +150,7 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
 
 def write(job: Job, boundaries: Mapping[str, Any]) -> None:
     """The same, in place of what `fit` wrote."""
-    job.write_json(RESULTS, content(job.read_json(RESULTS), boundaries))
+    job.write(RESULTS, content(job.read_json(RESULTS), boundaries))
 
 
 def fitted(evidence: Evidence, boundary: str) -> tuple[Evidence, dict[str, Any]]:

@@ -59,11 +59,7 @@ def screen(
         data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD_TRIAL],
         outliers.odd_visits(left, data.z_hat, throttle, data.visit),
     )
-    return replace(
-        influence,
-        unscreened=int(np.isnan(seen.sigmas).sum()),
-        why_not=influence.why_not or seen.why_not,
-    )
+    return replace(influence, why_not=influence.why_not or seen.why_not)
 
 
 def search(

@@ -489,7 +489,7 @@ def _repeats(coefficient: str, i: int, joint: JointInformation, scale: float) ->
     if limit < whole / 4:
         times = _crossing(variance, whole / 4, 0.0, float(np.log(MOST_REPEATS)))
         text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
-    return Repeats(times=times, u_limit=u_limit, text=text)
+    return Repeats(times=times, text=text)
 
 
 def _crossing(f: Callable[[float], float], value: float, low: float, high: float) -> float:

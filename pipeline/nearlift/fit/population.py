@@ -24,11 +24,8 @@ FEWEST = 3
 TAIL = 0.05
 
 
-def population(
-    value: FloatArray, covariance: FloatArray, unit: str = "1"
-) -> tuple[Population, tuple[Estimate, ...]]:
-    """Population mean and spread of a coefficient, and each campaign's value, shrunk towards the
-    mean.
+def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Population:
+    """Population mean and spread of a coefficient.
 
     Parameters
     ----------
@@ -79,15 +76,8 @@ def population(
 
     density = posterior(scale)
     u_mean = np.sqrt(1.0 / information)
-    # each campaign's true value at every spread, (g, n)
-    kept = spread[:, None] ** 2 * weight
-    shrunk = mean[:, None] + (kept * (y - mean[:, None] * ones)) @ axes.T
-    # the part that is shrunk to the mean carries the mean's uncertainty
-    left = 1.0 - (kept * ones) @ axes.T
-    variance = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
-    u_shrunk = np.sqrt(np.maximum(variance, 0.0) + (left * u_mean[:, None]) ** 2)
     q = float(misfit[0])
-    together = Population(
+    return Population(
         mean=_mixture(mean, u_mean, density, unit),
         spread=_quantiles(spread, density, unit),
         next=_mixture(mean, np.hypot(u_mean, spread), density, unit),
@@ -98,7 +88,6 @@ def population(
             scale=scale, mean_if_doubled=_mixture(mean, u_mean, posterior(2 * scale), unit)
         ),
     )
-    return together, tuple(_mixture(shrunk[:, i], u_shrunk[:, i], density, unit) for i in range(n))
 
 
 def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> Estimate:

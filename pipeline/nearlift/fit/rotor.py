@@ -79,12 +79,10 @@ def examine(
     The air's density is taken as exact: an error of it scales all C_L alike.
     """
     data, vehicle = problem.data, campaign.vehicle
-    measured, source = logged_speed(data, responses), "the rpm logged, far from the boundary"
-    air, how = air_density(campaign, data)
+    measured, air = logged_speed(data, responses), air_density(campaign, data)
     if measured is None and vehicle.throttle_map is not None:
         mapped = vehicle.throttle_map.speed_Hz(data.levels)
         measured = mapped, np.full(len(mapped), vehicle.throttle_map.uncertainty)
-        source = "the manifest's throttle_map"
     if measured is None or not (known := np.isfinite(measured[0])).any():
         return RotorUnknown(missing=("rpm",), text=NO_SPEED)
     if air is None:
@@ -103,9 +101,7 @@ def examine(
     whole = (given + toll @ covariance @ toll.T)[known][:, known] + np.diag((2 * u_log) ** 2)
     law, u = trend(np.log(C_L), whole, np.log(speed)), C_L * np.sqrt(np.diag(whole))
     return RotorTrend(
-        speed_from=source,
         air_density=air,
-        air_density_from=how,
         per_throttle={
             x: ThrottleLift.around(c, u_c, student.NORMAL_90, speed_Hz=f)
             for x, f, c, u_c in zip(data.levels[known], speed, C_L, u, strict=True)
@@ -117,22 +113,16 @@ def examine(
     )
 
 
-def air_density(campaign: Campaign, data: Observations) -> tuple[float | None, str]:
-    """Air density in kg/m^3 and its source: manifest or mean of the log; None without either."""
+def air_density(campaign: Campaign, data: Observations) -> float | None:
+    """Air density in kg/m^3 by the manifest, else the mean of the log; None without either."""
     if campaign.rig.air_density is not None:
-        return campaign.rig.air_density, "the manifest"
+        return campaign.rig.air_density
     kelvin = data.covariates.get("temperature_K")
     if kelvin is None or not np.isfinite(kelvin).any():
-        return None, ""
+        return None
     others = {n: data.covariates.get(n) for n in ("pressure_Pa", "humidity")}
     pressure, humidity = (STANDARD[n] if x is None else x for n, x in others.items())
-    assumed = [n.partition("_")[0] for n, x in others.items() if x is None]
-    how = (
-        f"the temperature logged, standard {' and '.join(assumed)}"
-        if assumed
-        else "temperature, pressure and humidity as logged"
-    )
-    return float(np.nanmean(density(kelvin, pressure, humidity))), how
+    return float(np.nanmean(density(kelvin, pressure, humidity)))
 
 
 def logged_speed(

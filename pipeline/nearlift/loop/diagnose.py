@@ -174,7 +174,6 @@ def _described(
         contradicted=answer.contradicted or None,
         wander=answer.random_walk_gain or None,
         p_value=answer.first.p_value,
-        threshold_log10_p=answer.first.threshold,
         structure=findings.structure_tests(answer),
         rounds=findings.rounds(answer),
         not_confirmed=tuple(e.effects for e in answer.refuted) or None,

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable
 
-import numpy as np
-
 from nearlift.declare import Effect
 from nearlift.loop import coefficients
 from nearlift.loop.families import STEP, families
@@ -134,7 +132,6 @@ def sensitivity(problem: SearchProblem, seen: Collection[str] = ()) -> Sensitivi
     Limits hold about the base fit, which is wrong where an effect was `seen`: those are left out.
     """
     design, data = DesignPower(problem=problem), problem.data
-    declared = (data.u_lift_N / data.lift_N) ** 2 / problem.space.covariance.variance
     limits = [
         _limit(of, design.limit(of))
         for effect in problem.visible
@@ -146,7 +143,6 @@ def sensitivity(problem: SearchProblem, seen: Collection[str] = ()) -> Sensitivi
         families=tuple(dict.fromkeys(f.name for f in families(data) if f.name != STEP)),
         effects=tuple(e.name for e in problem.visible),
         chance=LIMIT_POWER,
-        declared_share=float(np.median(declared)),
         limits=tuple(
             sorted(limits, key=lambda row: (row.size is None, (row.size or 0.0) / row.plausible))
         ),

@@ -58,7 +58,7 @@ def power(data: Observations, rate: float, chance: float) -> WithinTrialPower | 
     _, u, visits = mean
     critical = float(t.ppf(1 - rate / 2, visits - 1))
     limit = u * float(brentq(lambda shift: nct.sf(critical, visits - 1, shift) - chance, 0.0, 20.0))
-    return WithinTrialPower(u_of_mean=u, visits=visits, limit=max(limit, HARMLESS))
+    return WithinTrialPower(visits=visits, limit=max(limit, HARMLESS))
 
 
 def _over_visits(data: Observations) -> tuple[float, float, int] | None:

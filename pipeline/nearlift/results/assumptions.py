@@ -99,9 +99,7 @@ class RotorTrend:
     `exponent` and `p_trend` (of a constant C_L) are None for one throttle.
     """
 
-    speed_from: str
     air_density: Real
-    air_density_from: str
     per_throttle: Mapping[NumberKey, ThrottleLift]
     mean: Estimate
     exponent: Estimate | None

@@ -53,14 +53,13 @@ class HeadlineValue(Estimate):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparedCampaign:
-    """One campaign, its coefficient alone and shrunk towards the population's mean."""
+    """One campaign and its coefficient."""
 
     campaign: str
     vehicle: str
     verdict: Verdict
     claim: str
     quoted: HeadlineValue
-    in_population: Estimate | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -243,8 +243,8 @@ class BoundaryDiagnosis:
     wander : float
         Root mean square, as a fraction of lift, of the gain's random walk besides the answer, along
         nothing that was logged.
-    p_value, threshold_log10_p : float
-        Of the largest of all tests, and what it needs.
+    p_value : float
+        Of the largest of all tests.
     not_confirmed : tuple of tuple of str
         Explanations from which visits left out gain nothing.
     error : LoopError or None
@@ -267,7 +267,6 @@ class BoundaryDiagnosis:
     contradicted: IfAny[tuple[str, ...]] = None
     wander: IfAny[float] = None
     p_value: Real
-    threshold_log10_p: Real
     structure: tuple[StructureTest, ...]
     rounds: tuple[LoopRound, ...]
     not_confirmed: IfAny[tuple[tuple[str, ...], ...]] = None

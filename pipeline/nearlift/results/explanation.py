@@ -19,11 +19,8 @@ from nearlift.results.quotation import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WithinTrialPower:
-    """The mean relative change of lift over a record that would be found, from its standard
-    uncertainty over so many visits.
-    """
+    """The mean relative change of lift over a record that would be found over so many visits."""
 
-    u_of_mean: Real
     visits: int
     limit: Real
 

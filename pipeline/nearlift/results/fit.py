@@ -106,12 +106,9 @@ class Remedy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repeats:
-    """How many times these trials would halve a coefficient's uncertainty (inf: no number), and
-    what remains after any number.
-    """
+    """How many times these trials would halve a coefficient's uncertainty (inf: no number)."""
 
     times: Unbounded
-    u_limit: Real
     text: str
 
 
@@ -232,15 +229,12 @@ class Influence:
     ----------
     without_all : Estimate or None
         The headline without any trial named; None unless several are.
-    unscreened : int
-        Trials without repeats to compare them with.
     why_not : str
         Why nothing could be screened; empty where it could.
     """
 
     suspects: tuple[Suspect, ...] = ()
     without_all: Estimate | None = None
-    unscreened: int = 0
     why_not: str = ""
 
 

@@ -33,15 +33,12 @@ class DetectionLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensitivity:
-    """Detection limits of a diagnosis of few trials, each with that probability (`chance`);
-    `declared_share` of a trial's variance came with it.
-    """
+    """Detection limits of a diagnosis of few trials, each with that probability (`chance`)."""
 
     trials: int
     families: tuple[str, ...]
     effects: tuple[str, ...]
     chance: Real
-    declared_share: Real
     limits: tuple[DetectionLimit, ...]
 
     def __str__(self) -> str:

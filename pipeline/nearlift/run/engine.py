@@ -232,21 +232,19 @@ class Job:
         """A table product of this campaign, as an earlier stage left it."""
         return tables.read_table(self.processed / product.file, product)
 
-    def write(self, product: Product, table: tables.Table) -> None:
-        """Write a table product of this campaign."""
-        self.put(f"processed/{product.file}", tables.table_bytes(table, product))
+    def load(self, kind: type[tables.Loaded]) -> tables.Loaded:
+        """A JSON product of this campaign as its type."""
+        return tables.load(self.processed / kind.file, kind)
 
     def read_json(self, product: Product) -> dict[str, Any]:
         """A JSON product of this campaign."""
         return tables.read_json(self.processed / product.file)
 
-    def load(self, kind: type[tables.Loaded]) -> tables.Loaded:
-        """A JSON product of this campaign as its type."""
-        return tables.load(self.processed / kind.file, kind)
-
-    def write_json(self, product: Product, content: object) -> None:
-        """Write a JSON product of this campaign."""
-        self.put(f"processed/{product.file}", tables.json_bytes(content))
+    def write(self, product: Product, content: Any) -> None:
+        """Write a product of this campaign: a table, or a JSON file."""
+        is_json = product.file.endswith(".json")
+        made = tables.json_bytes(content) if is_json else tables.table_bytes(content, product)
+        self.put(f"processed/{product.file}", made)
 
 
 @contextlib.contextmanager
@@ -278,18 +276,24 @@ def open_job(
             f"{str(out.resolve())!r} lies in the campaign's folder, where nothing is written",
             "name a folder outside it",
         )
-    processed = out / "processed" / campaign.name
-    of_stages = {
+    processed, reading = out / "processed" / campaign.name, () if planned else stages
+    sources = {
         stage.name: stage.inputs(root, campaign)
-        for stage in stages
-        if stage.inputs is not None and stage.configured(campaign) and not planned
+        for stage in reading
+        if stage.inputs is not None and stage.configured(campaign)
     }
     listed: dict[str, Sequence[str]] = {} if planned else {MANIFEST: (MANIFEST,)}
-    for inputs in of_stages.values():
+    for inputs in sources.values():
         listed |= inputs
     cache = processed / CACHE
     known = {} if fresh else tables.read_json_if_whole(cache)
-    stamps, digests, settled = hashed(root, listed, known)
+    stamps, digests, settled = hashed(root, {f for files in listed.values() for f in files}, known)
+    # a list of files has the digest of its names, each with its file's
+    digests |= {
+        name: tables.digest_of("".join(f"{n} {digests[n]}\n" for n in files).encode())
+        for name, files in listed.items()
+        if files != (name,)
+    }
     with open_executor(executor) as pool:
         try:
             yield Job(
@@ -299,11 +303,8 @@ def open_job(
                 reports=out / "reports" / campaign.name,
                 executor=pool,
                 stages=tuple(stages),
-                inputs={
-                    name: digests[name] if files == (name,) else list_digest(files, digests)
-                    for name, files in listed.items()
-                },
-                sources={name: tuple(inputs) for name, inputs in of_stages.items()},
+                inputs={name: digests[name] for name in listed},
+                sources={name: tuple(inputs) for name, inputs in sources.items()},
                 stamps=stamps,
                 seed=seed,
                 say=say,
@@ -315,18 +316,15 @@ def open_job(
                     tables.write_whole(cache, json.dumps(settled).encode())
 
 
-# ---- raw files
-
-
 def hashed(
-    root: Path, listed: Inputs, known: Mapping[str, Any]
+    root: Path, files: Iterable[str], known: Mapping[str, Any]
 ) -> tuple[dict[str, Stamp], dict[str, str], dict[str, list[Any]]]:
     """Stamp and SHA-256 of each raw file, and those that may be `known` next time; a file whose
     stamp is known is not read again.
     """
     folder, now_ns = root.as_posix(), time.time_ns()
     stamps, digests = dict[str, Stamp](), dict[str, str]()
-    for file in dict.fromkeys(file for files in listed.values() for file in files):
+    for file in files:
         status = os.stat(f"{folder}/{file}")  # noqa: PTH116 - paths made one by one take longer
         stamps[file] = status.st_size, status.st_mtime_ns
         match known.get(file):
@@ -341,22 +339,16 @@ def hashed(
     return stamps, digests, settled
 
 
-def list_digest(files: Sequence[str], digests: Mapping[str, str]) -> str:
-    """Digest of a list of files: their names, each with its own."""
-    return tables.digest_of("".join(f"{n} {digests[n]}\n" for n in files).encode())
-
-
 # ---- staleness
 
 
 @functools.cache
 def code_digest() -> str:
     """Digest of nearlift's own source, so that products of older code are stale."""
-    package = Path(__file__).parents[1]
-    files = (p for p in package.rglob("*") if "__pycache__" not in p.parts and p.is_file())
-    digest = hashlib.sha256()
-    for file in sorted(files):
-        digest.update(str(file.relative_to(package)).encode() + b"\0" + file.read_bytes())
+    package, digest = Path(__file__).parents[1], hashlib.sha256()
+    for file in sorted(p for p in package.rglob("*") if "__pycache__" not in p.parts):
+        if file.is_file():
+            digest.update(str(file.relative_to(package)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 
 
@@ -366,26 +358,15 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{n: metadata.version(n) for n in NUMERICAL}}
 
 
-def open_ledger(job: Job) -> ProvenanceLedger:
-    """The campaign's provenance.json; an empty one where it is missing or damaged."""
-    from nearlift.results.provenance import ProvenanceLedger
-
-    return tables.load_if_whole(job.processed / LEDGER, ProvenanceLedger())
-
-
 def material(job: Job, stage: Stage) -> dict[str, str]:
     """Digests of everything that decides the stage's output, by their names in `why_stale`."""
     manifest = job.campaign.model_dump(mode="json", by_alias=True, include=set(stage.sections))
+    sections = {name: json.dumps(manifest[name], sort_keys=True) for name in stage.sections}
     raw = job.inputs if stage.report else job.sources.get(stage.name, ())
     return {
         "nearlift itself": code_digest(),
         **{f"version of {package}": version for package, version in versions().items()},
-        **{
-            f"[{name}] of the manifest": tables.digest_of(
-                json.dumps(manifest[name], sort_keys=True, default=str).encode()
-            )
-            for name in stage.sections
-        },
+        **{f"[{n}] of the manifest": tables.digest_of(s.encode()) for n, s in sections.items()},
         **{name: job.inputs[name] for name in raw},
         **{p.file: tables.sha256_if_any(job.processed / p.file) for p in stage.reads},
         "the seed": str(job.seed),
@@ -408,7 +389,8 @@ def why_stale(job: Job, stage: Stage, ledger: ProvenanceLedger) -> str:
     waiting = sum(reason.startswith("PENDING") for _, reason in record.rejected)
     if waiting:
         return f"{waiting} record{'s were' if waiting > 1 else ' was'} still being written"
-    before, made_of = dict(record.material), material(job, stage)
+    made_of = material(job, stage)
+    before = dict(record.material)
     changed = [k for k in made_of | before if before.get(k) != made_of.get(k)]
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     return f"{changed[0]} has changed{more}" if changed else ""
@@ -429,7 +411,7 @@ class Step:
 
 def plan(job: Job) -> Iterator[tuple[Stage, str]]:
     """Each stage with the reason for which it is stale, empty if it is up to date; runs nothing."""
-    ledger = open_ledger(job)
+    ledger = _ledger(job)
     upstream: dict[str, str] = {}
     for stage in job.stages:
         if not stage.configured(job.campaign):
@@ -453,60 +435,69 @@ def run(
     ------
     Busy
         Another run works on the same products.
-    """
-    stages = job.stages if wanted is None else wanted
-    stages = [stage for stage in stages if force or stage.configured(job.campaign)]
-    ledger = open_ledger(job)
-    is_stale = force or any(why_stale(job, stage, ledger) for stage in stages)
-    with locked(job) if is_stale else contextlib.nullcontext():
-        if is_stale:
-            # another run may have ended since
-            ledger = open_ledger(job)
-        for stage in stages:
-            why = why_stale(job, stage, ledger) if is_stale else ""
-            if why or force:
-                step, ledger = _step(job, stage, ledger, why or "asked for", begin)
-                yield step
-                continue
-            record = ledger.stages[stage.name]
-            outcome = Outcome(rejected=record.rejected, notes=record.notes)
-            yield Step(stage=stage, why="", outcome=outcome)
-
-
-def _step(
-    job: Job,
-    stage: Stage,
-    ledger: ProvenanceLedger,
-    why: str,
-    begin: Callable[[Stage, str], None],
-) -> tuple[Step, ProvenanceLedger]:
-    """Run a stage on one BLAS thread; write its files, then its record in the ledger.
-
-    Raises
-    ------
     InputRefused
         A worker process died.
     ProductError
-        The stage did not write what it declares.
+        A stage did not write what it declares.
     """
-    from nearlift.results.provenance import ProvenanceLedger, StageRecord
+    stages = job.stages if wanted is None else wanted
+    stages = [stage for stage in stages if force or stage.configured(job.campaign)]
+    ledger = _ledger(job)
+    is_stale = force or any(why_stale(job, stage, ledger) for stage in stages)
+    with locked(job) if is_stale else contextlib.nullcontext():
+        for stage in stages:
+            # another run may have ended since
+            ledger = _ledger(job) if is_stale else ledger
+            why = why_stale(job, stage, ledger) if is_stale else ""
+            if not (why or force):
+                record = ledger.stages[stage.name]
+                outcome = Outcome(rejected=record.rejected, notes=record.notes)
+                yield Step(stage=stage, why="", outcome=outcome)
+                continue
+            begin(stage, why or "asked for")
+            made_of, start = material(job, stage), time.perf_counter()
+            files, outcome = _computed(job, stage)
+            wall_s = time.perf_counter() - start
+            _commit(job, stage, ledger, made_of, files, outcome, wall_s)
+            yield Step(stage=stage, why=why or "asked for", outcome=outcome, wall_s=wall_s)
 
-    begin(stage, why)
-    made_of, start = material(job, stage), time.perf_counter()
+
+def _ledger(job: Job) -> ProvenanceLedger:
+    """The campaign's provenance.json; an empty one where it is missing or damaged."""
+    from nearlift.results.provenance import ProvenanceLedger
+
+    return tables.load_if_whole(job.processed / LEDGER, ProvenanceLedger())
+
+
+def _computed(job: Job, stage: Stage) -> tuple[dict[str, bytes | None], Outcome]:
+    """The files of a stage, run on one BLAS thread, and its outcome."""
     files: dict[str, bytes | None] = {}
     try:
         with blas.one_thread():
             outcome = stage.run(replace(job, pending=files))
     except futures.BrokenExecutor:
-        raise InputRefused(
-            "--executor", "a worker process died", "use fewer workers (memory?), or serial"
-        ) from None
+        what, remedy = "a worker process died", "use fewer workers (memory?), or serial"
+        raise InputRefused("--executor", what, remedy) from None
     for product in stage.writes:
         if files.get(f"processed/{product.file}") is None:
-            raise ProductError(
-                product.file, f"was not written by {stage.name}", "this is a defect of the stage"
-            )
-    wall_s, order = time.perf_counter() - start, [s.name for s in job.stages]
+            what, remedy = f"was not written by {stage.name}", "this is a defect of the stage"
+            raise ProductError(product.file, what, remedy)
+    return files, outcome
+
+
+def _commit(
+    job: Job,
+    stage: Stage,
+    ledger: ProvenanceLedger,
+    made_of: Mapping[str, str],
+    files: Mapping[str, bytes | None],
+    outcome: Outcome,
+    wall_s: float,
+) -> None:
+    """Write a stage's files between two ledgers: one without its record, and one with it."""
+    from nearlift.results.provenance import ProvenanceLedger, StageRecord
+
+    order = [s.name for s in job.stages]
     before = order[: order.index(stage.name)]
     # a later stage whose file is overwritten has to write it again
     records = {
@@ -514,7 +505,8 @@ def _step(
         for name, record in ledger.stages.items()
         if name in before or (name != stage.name and record.outputs.keys().isdisjoint(files))
     }
-    ledger = ProvenanceLedger(
+    # from here until its record is written the stage is stale, whatever happens
+    without = ProvenanceLedger(
         campaign=job.campaign.name,
         vehicle=job.campaign.vehicle.name,
         nearlift=__version__,
@@ -524,8 +516,7 @@ def _step(
         inputs={name: {"sha256": sha} for name, sha in job.inputs.items()},
         stages=records,
     )
-    # from here until its record is written the stage is stale, whatever happens
-    tables.write_whole(job.processed / LEDGER, tables.json_bytes(ledger))
+    tables.write_whole(job.processed / LEDGER, tables.json_bytes(without))
     for name, content in files.items():
         job.put(name, content)
     records[stage.name] = StageRecord(
@@ -535,9 +526,8 @@ def _step(
         notes=outcome.notes,
         wall_s=wall_s,
     )
-    ledger = replace(ledger, stages={n: records[n] for n in order if n in records})
-    tables.write_whole(job.processed / LEDGER, tables.json_bytes(ledger))
-    return Step(stage=stage, why=why, outcome=outcome, wall_s=wall_s), ledger
+    complete = replace(without, stages={n: records[n] for n in order if n in records})
+    tables.write_whole(job.processed / LEDGER, tables.json_bytes(complete))
 
 
 @contextlib.contextmanager

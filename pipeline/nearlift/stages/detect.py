@@ -54,7 +54,7 @@ def run(job: Job) -> Outcome:
 
     rows, result, notes = proximity(quoted_lifts(job), job.say)
     job.write(DETECTION, DETECTION.columns_of(rows))
-    job.write_json(PROXIMITY, result)
+    job.write(PROXIMITY, result)
     return Outcome(notes=notes)
 
 

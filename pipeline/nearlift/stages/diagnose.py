@@ -156,8 +156,8 @@ def run(job: Job) -> Outcome:
     job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, residuals))
     job.write(QUOTED_POSTERIOR, tables.stacked(QUOTED_POSTERIOR, draws))
     rate = options.false_alarm_rate
-    job.write_json(DIAGNOSIS, DiagnosisResults(false_alarm_rate=rate, boundaries=blocks))
-    job.write_json(RESULTS, Results(boundaries=quoted))
+    job.write(DIAGNOSIS, DiagnosisResults(false_alarm_rate=rate, boundaries=blocks))
+    job.write(RESULTS, Results(boundaries=quoted))
     return Outcome(notes=tuple(notes))
 
 

@@ -104,8 +104,8 @@ def run(job: Job) -> Outcome:
     draws = tables.stacked(POSTERIOR, fits.draws)
     job.write(POSTERIOR, draws)
     job.write(PROFILES, tables.stacked(PROFILES, fits.profiles))
-    job.write_json(FIT, fits.results)
-    job.write_json(RESULTS, Results(boundaries=fits.quoted))
+    job.write(FIT, fits.results)
+    job.write(RESULTS, Results(boundaries=fits.quoted))
     if job.campaign.fit.netcdf:
         write_netcdf(job, draws, fits.results)
     else:

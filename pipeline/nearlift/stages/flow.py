@@ -155,7 +155,7 @@ def run(job: Job) -> Outcome:
     job.write(DOWNWASH_PROFILE, tables.stacked(DOWNWASH_PROFILE, flow_results.profiles))
     job.write(FLOW_FIELDS, tables.stacked(FLOW_FIELDS, flow_results.fields))
     job.write(FLOW_TOPOLOGY, FLOW_TOPOLOGY.columns_of(flow_results.topology))
-    job.write_json(FLOW, {"schema": FLOW.schema, **flow_results.facts})
+    job.write(FLOW, {"schema": FLOW.schema, **flow_results.facts})
     return Outcome(notes=flow_results.notes)
 
 

@@ -74,7 +74,7 @@ def run(job: Job) -> Outcome:
     result, rates, samples, notes = simulated_flights(job)
     job.write(CRASH_RATES, CRASH_RATES.columns_of(rates))
     job.write(FLIGHTS, FLIGHTS.columns_of(samples))
-    job.write_json(SAFETY, result)
+    job.write(SAFETY, result)
     return Outcome(notes=notes)
 
 
