@@ -23,104 +23,80 @@ SLOPE = 0.2
 
 
 def candidate(name, log_evidence, accepted=False, left_in="supply"):
-    return {
-        "name": name,
-        "gain": 100.0,
-        "p_value": 0.5,
-        "accepted": accepted,
-        "log_evidence": log_evidence,
-        "left_in": None if accepted else left_in,
-    }
+    left = {"left_in": None if accepted else left_in}
+    tried = {"name": name, "gain": 100.0, "p_value": 0.5, "accepted": accepted}
+    return {**tried, "log_evidence": log_evidence, **left}
 
 
 def error(before, after, floor=0.004):
-    def block(v):
-        return {"held_out_rmse": v, "lo90": 0.9 * v, "hi90": 1.1 * v}
-
-    return {
-        "unit": "fraction of lift",
-        "noise_floor": floor,
-        "before": block(before),
-        "after": block(after),
-        "chosen_in_folds": ["supply_sag"] * 3,
+    each = {
+        when: {"held_out_rmse": v, "lo90": 0.9 * v, "hi90": 1.1 * v}
+        for when, v in (("before", before), ("after", after))
     }
+    about = {"unit": "fraction of lift", "noise_floor": floor}
+    return {**about, **each, "chosen_in_folds": ["supply_sag"] * 3}
 
 
 def coefficient(name, value, after=None):
     before = {"value": value, "lo90": 0.95 * value, "hi90": 1.05 * value}
     moved = value if after is None else after
-    ends = {
-        "lo90": 0.94 * moved,
-        "hi90": 1.08 * moved,
-        "conditional": [0.96 * moved, 1.04 * moved],
-        "constrained": [0.5 * moved, 1.6 * moved],
-    }
-    return {"before": {name: before}, "after": {name: {"value": moved, **ends}}}
+    ends = {"conditional": [0.96 * moved, 1.04 * moved], "constrained": [0.5 * moved, 1.6 * moved]}
+    ends |= {"value": moved, "lo90": 0.94 * moved, "hi90": 1.08 * moved}
+    return {"before": {name: before}, "after": {name: ends}}
 
 
+def found_at(model, verdict, p_value, covariate, errors, coefficients, candidates=(), **more):
+    """Findings of one boundary: structure along `covariate`, one round of candidates."""
+    p = 1e-30 if verdict != "adequate" else 0.01
+    structure = [{"covariate": covariate, "p_value": p, "significant": p < 1e-3}]
+    rounds = [{"candidates": [*candidates], "decision": "d", "reason": "r"}]
+    block = {"base_model": model, "verdict": verdict, "p_value": p_value, "effects": []}
+    block |= {"structure": structure, "rounds": rounds, "error": error(*errors)}
+    return block | {"coefficients": coefficients} | more
+
+
+SAG = {
+    "name": "supply_sag",
+    "rivals": ["warm_up"],
+    "mechanism": "voltage",
+    "parameters": {"sag_exponent": {"value": 2.0, "lo90": 1.9, "hi90": 2.1}},
+}
 FOUND = {
-    "ground": {
-        "base_model": "sanchez_cuevas",
-        "verdict": "effect",
-        "effects": [
-            {
-                "name": "supply_sag",
-                "rivals": ["warm_up"],
-                "mechanism": "voltage",
-                "parameters": {"sag_exponent": {"value": 2.0, "lo90": 1.9, "hi90": 2.1}},
-            }
+    "ground": found_at(
+        "sanchez_cuevas",
+        "effect",
+        1 / 1501,
+        "supply",
+        (0.02, 0.0045),
+        coefficient("K_b", 1.6, 1.95),
+        [
+            candidate("gain_drift", -60.0),
+            candidate("warm_up", -14.5, accepted=True),
+            candidate("supply_sag", -12.0, accepted=True),
+            candidate("session_gain", -20.0, accepted=True),
+            candidate("reynolds", -900.0, left_in=None),
         ],
-        "explanations": [["supply_sag"], ["warm_up"]],
-        "p_value": 1 / 1501,
-        "structure": [
-            {"covariate": "supply", "p_value": 1e-90, "significant": True},
-            {"covariate": "tilt", "p_value": 0.4, "significant": False},
-        ],
-        "rounds": [
-            {
-                "decision": "accept supply_sag",
-                "reason": "nothing is left",
-                "candidates": [
-                    candidate("gain_drift", -60.0),
-                    candidate("warm_up", -14.5, accepted=True),
-                    candidate("supply_sag", -12.0, accepted=True),
-                    candidate("session_gain", -20.0, accepted=True),
-                    candidate("reynolds", -900.0, left_in=None),
-                ],
-            }
-        ],
-        "error": error(0.02, 0.0045),
-        "coefficients": coefficient("K_b", 1.6, 1.95),
-    },
-    "ceiling": {
-        "base_model": "hsiao_chirarattananon",
-        "verdict": "adequate",
-        "effects": [],
-        "p_value": 0.43,
-        "structure": [{"covariate": "throttle", "p_value": 0.01, "significant": False}],
-        "rounds": [
-            {"candidates": [], "decision": "adequate", "reason": "nothing exceeds the threshold"}
-        ],
-        "error": error(0.0041, 0.0041),
-        "coefficients": coefficient("alpha", 0.12),
-    },
-    "sidewall": {
-        "base_model": "sidewall_decay",
-        "verdict": "unexplained",
-        "effects": [],
-        "partial": [{"name": "gain_drift", "share": 0.2}],
-        "p_value": 1 / 1501,
-        "structure": [{"covariate": "start", "p_value": 1e-30, "significant": True}],
-        "rounds": [
-            {
-                "candidates": [candidate("gain_drift", -60.0, left_in="start")],
-                "decision": "no",
-                "reason": "structure is left",
-            }
-        ],
-        "error": error(0.01, 0.01),
-        "coefficients": coefficient("a", 0.05),
-    },
+        effects=[SAG],
+        explanations=[["supply_sag"], ["warm_up"]],
+    ),
+    "ceiling": found_at(
+        "hsiao_chirarattananon",
+        "adequate",
+        0.43,
+        "throttle",
+        (0.0041, 0.0041),
+        coefficient("alpha", 0.12),
+    ),
+    "sidewall": found_at(
+        "sidewall_decay",
+        "unexplained",
+        1 / 1501,
+        "start",
+        (0.01, 0.01),
+        coefficient("a", 0.05),
+        [candidate("gain_drift", -60.0, left_in="start")],
+        partial=[{"name": "gain_drift", "share": 0.2}],
+    ),
 }
 FOUND["sidewall"]["coefficients"]["before"]["lambda_"] = {"value": 0.35, "lo90": 0.3, "hi90": 0.4}
 
@@ -385,12 +361,9 @@ def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
 @pytest.mark.parametrize(
     ("word", "column"),
     [
-        ("session", "session"),
         ("approach", "z_hat"),
         ("previous_throttle", "previous_throttle_percent"),
-        ("previous_lift_N", "previous_lift_N"),
         # not recorded: drawn in run order
-        ("tilt", "run_order"),
         ("rig_$_colour", "run_order"),
     ],
 )

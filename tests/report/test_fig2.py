@@ -305,7 +305,7 @@ def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
     assert "=Other group" in [t.get_text() for t in lower.get_legend().get_texts()]
     for text, match in (
         ("z_hat,delta_L\n1,2\n", "lacks u"),
-        ("z_hat,delta_L,u\n1,0.1,0.01\n-1,0.1,0.01\n", r"line 3: z_hat = '-1' cannot be drawn"),
+        ("z_hat,delta_L,u\n1,0.1,0.01\n-1,0.1,0.01\n", r"row 2: z_hat = '-1' cannot be drawn"),
     ):
         file.write_text(text)
         with pytest.raises(InputRefused, match=match):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import click
 import pytest
 from click.testing import CliRunner
@@ -13,12 +11,9 @@ from nearlift import schedule
 from nearlift.cli import QUESTIONS, main, stage_command
 from nearlift.describe import stages_page
 from nearlift.errors import NotConverged
-from nearlift.report.figures import budget
-from nearlift.report.registry import declared
 from nearlift.run.engine import (
     Outcome,
     Stage,
-    StageChapter,
     products_of,
     stage_of,
 )
@@ -76,16 +71,6 @@ def test_sections_are_those_of_the_manifest(tmp_path):
     assert {"trials"} <= {*stage_of(STAGES, "fit").sections} & {
         *stage_of(STAGES, "diagnose").sections
     }
-
-
-def test_a_stage_that_declares_a_chapter_has_one():
-    chapter = StageChapter(title="Heights", figures=("budget",), facts="builtins:len")
-    *before, made = declared((*STAGES, dataclasses.replace(WEIGH, chapter=chapter)))
-    assert (made.name, made.title, made.needs) == ("weigh", "Heights", (HEIGHTS,))
-    assert made.facts is len
-    assert made.figures == (budget.FIGURE,)
-    assert declared(STAGES) == tuple(before)
-    assert [c.name for c in before] == [s.name for s in STAGES if s.chapter]
 
 
 def test_no_column_of_a_schedule_may_be_named_after_one_of_trials():

@@ -20,9 +20,8 @@ from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.report.evidence import Evidence, pick, records
-from nearlift.report.figures.fig2 import force_unit
-from nearlift.report.figures.fig2 import table as fig2_table
-from nearlift.report.figures.residuals import table as residual_table
+from nearlift.report.figures import fig2 as paper
+from nearlift.report.figures import residuals as paper_residuals
 from nearlift.rounding import plain, plus_minus
 from nearlift.stages.reduce import LIFT
 
@@ -71,11 +70,10 @@ def _spec(name: str, data: Mapping[str, pd.DataFrame], **values: Any) -> Spec:
             return {key: filled(each) for key, each in part.items()}
         if isinstance(part, list):
             # Vega warns of a layer without rows
-            return [filled(each) for each in part if not _is_empty(each)]
+            layers = (p for p in part if isinstance(p, dict) and "mark" in p)
+            empty = [layer for layer in layers if data[layer["data"]["name"]].empty]
+            return [filled(each) for each in part if each not in empty]
         return given.get(part, part) if isinstance(part, str) else part
-
-    def _is_empty(part: Any) -> bool:
-        return isinstance(part, dict) and "mark" in part and data[part["data"]["name"]].empty
 
     spec: Spec = filled(json.loads(file.read_text(encoding="utf-8")))
     return spec
@@ -89,56 +87,22 @@ def _rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
     return cells.where(cells.notna(), None).to_dict("records")
 
 
-def _ramp(n: int) -> list[str]:
-    if n <= MOST_COLOURS:
-        return [f"var(--s{i})" for i in range(n)]
-    shares = (100 * i / (n - 1) for i in range(n))
-    return [f"color-mix(in oklab, var(--ramp0), var(--ramp1) {s:.0f}%)" for s in shares]
-
-
 def fig2(evidence: Evidence) -> Chart:
     """A view for each boundary; the legend shows and hides throttles."""
-    table = fig2_table(evidence)
-    views: dict[str, Spec] = {
-        b: _fig2_view(pick(table, panel=b), cells(evidence, table, b), b)
-        for b in evidence.boundaries
-        if len(pick(table, panel=b, kind="data"))
-    }
-    return Chart(name="fig2", label="Lift change against distance", views=views, mark="cell")
+    table = paper.table(evidence)
+    views = {str(b): _fig2_view(evidence, table, b) for b in evidence.boundaries}
+    drawn = {b: view for b, view in views.items() if view}
+    return Chart(name="fig2", label="Lift change against distance", views=drawn, mark="cell")
 
 
-def cells(evidence: Evidence, table: pd.DataFrame, boundary: Boundary) -> pd.DataFrame:
-    """Points of Figure 2 at one boundary, with their lift and trials in words."""
-    lift = evidence.frame(LIFT, boundary=boundary).rename(columns={"throttle": "throttle_fraction"})
-    at = ["throttle_fraction", "z_hat"]
-    points = pick(table, panel=boundary, kind="data").merge(
-        lift[[*at, "lift_N", "u_lift_N", "n_trials"]], on=at, how="left"
-    )
-    radius_mm = 1e3 * evidence.observations[boundary].radius_m
-    scale, unit = force_unit(evidence)
-    shown = pd.DataFrame(
-        {
-            "throttle": p.label,
-            "ẑ": f"{plain(p.z_hat)} ({plain(radius_mm * p.z_hat, 3)} mm)",
-            "ΔL": f"{plus_minus(p.delta_L_percent, p.u_delta_L_percent)} %",
-            "lift": f"{plus_minus(scale * p.lift_N, scale * p.u_lift_N)} {unit}",
-            "trials": f"{plain(p.n_trials)} averaged",
-        }
-        for p in records(points)
-    )
-    words = ["; ".join(f"{n} {v}" for n, v in row.items()) for row in shown.to_dict("records")]
-    rank = points["throttle_fraction"].rank(method="dense").astype(int)
-    return points[["label", "throttle_fraction", "z_hat", "delta_L_percent"]].assign(
-        u=points["u_delta_L_percent"].where(np.isfinite(points["u_delta_L_percent"]), 0.0),
-        area=np.maximum(105 - 15 * rank, 34),
-        words=[f"{boundary}, {text}" for text in words],
-        **shown,
-    )
-
-
-def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec:
+def _fig2_view(evidence: Evidence, every: pd.DataFrame, boundary: Boundary) -> Spec:
+    table, points = pick(every, panel=boundary), cells(evidence, every, boundary)
+    if points.empty:
+        return {}
     throttles = points.sort_values("throttle_fraction")["label"].unique().tolist()
-    few = len(throttles) <= MOST_COLOURS
+    n, few = len(throttles), len(throttles) <= MOST_COLOURS
+    shares = (100 * i / max(n - 1, 1) for i in range(n))
+    ramp = [f"color-mix(in oklab, var(--ramp0), var(--ramp1) {s:.0f}%)" for s in shares]
     span = points["delta_L_percent"]
     room = 0.05 * float(span.max() - span.min() or 1)
     lines = table[table["kind"].isin(("band", "least squares", "model"))]
@@ -157,22 +121,48 @@ def _fig2_view(table: pd.DataFrame, points: pd.DataFrame, boundary: str) -> Spec
         description=f"Lift change near the {boundary} against distance",
         within=[float(span.min()) - room, float(span.max()) + room],
         throttles=throttles,
-        colours=_ramp(len(throttles)),
-        shapes=list(SHAPES[: len(throttles)]) if few else ["circle"],
+        colours=[f"var(--s{i})" for i in range(n)] if few else ramp,
+        shapes=list(SHAPES[:n]) if few else ["circle"],
         legend=LEGEND if few else None,
         lines=names,
         dashes=list(DASHES[: len(names)]),
     )
 
 
+def cells(evidence: Evidence, table: pd.DataFrame, boundary: Boundary) -> pd.DataFrame:
+    """Points of Figure 2 at one boundary, with their lift and trials in words."""
+    lift = evidence.frame(LIFT, boundary=boundary).rename(columns={"throttle": "throttle_fraction"})
+    at = ["throttle_fraction", "z_hat"]
+    points = pick(table, panel=boundary, kind="data").merge(
+        lift[[*at, "lift_N", "u_lift_N", "n_trials"]], on=at, how="left"
+    )
+    radius_mm = 1e3 * evidence.observations[boundary].radius_m
+    scale, unit = paper.force_unit(evidence)
+    shown = pd.DataFrame(
+        {
+            "throttle": p.label,
+            "ẑ": f"{plain(p.z_hat)} ({plain(radius_mm * p.z_hat, 3)} mm)",
+            "ΔL": f"{plus_minus(p.delta_L_percent, p.u_delta_L_percent)} %",
+            "lift": f"{plus_minus(scale * p.lift_N, scale * p.u_lift_N)} {unit}",
+            "trials": f"{plain(p.n_trials)} averaged",
+        }
+        for p in records(points)
+    )
+    words = ["; ".join(f"{n} {v}" for n, v in row.items()) for row in shown.to_dict("records")]
+    rank = points["throttle_fraction"].rank(method="dense").astype(int)
+    u = points["u_delta_L_percent"]
+    return points[["label", "throttle_fraction", "z_hat", "delta_L_percent"]].assign(
+        u=u.where(np.isfinite(u), 0.0),
+        area=np.maximum(105 - 15 * rank, 34),
+        words=[f"{boundary}, {text}" for text in words],
+        **shown,
+    )
+
+
 def residuals(evidence: Evidence) -> Chart:
     """A view for each boundary: every trial against the covariate that the reader chooses."""
-    table = residual_table(evidence, every=True)
-    views: dict[str, Spec] = {
-        b: _residual_view(pick(table, panel=b), b)
-        for b in evidence.boundaries
-        if len(pick(table, panel=b))
-    }
+    table = paper_residuals.table(evidence, every=True)
+    views = {str(b): _residual_view(mine, str(b)) for b, mine in table.groupby("panel", sort=False)}
     return Chart(name="residuals", label="Residuals of every trial", views=views, mark="mean")
 
 
@@ -196,15 +186,21 @@ def _residual_view(table: pd.DataFrame, boundary: str) -> Spec:
     y, u = table["residual_percent"], table["u_residual_percent"].fillna(0.0)
     table = table.assign(low=y - u, high=y + u)
     at = ["covariate", "x", "low", "high"]
-    means = pick(table, kind="bin")
+    means, trials = pick(table, kind="bin"), pick(table, kind="trial")
     means["words"] = [
         f"{boundary}, mean of {m.n_trials:.0f} trials: residual {m.residual_percent:.3f}"
         f" ± {(m.high - m.low) / 2:.3f} %"
         for m in records(means)
     ]
+    # a column for each covariate, trials in run order
+    wide = trials.pivot(index="trial", columns="covariate", values="x")
+    first = trials.drop_duplicates("trial").set_index("trial")["residual_percent"]
+    wide = wide.reindex(first.index).assign(residual_percent=first)
+    n = len(wide)
+    keep = np.unique(np.linspace(0, n - 1, min(n, MOST_DOTS)).round().astype(int))
     data = {
         "noise": pick(table, kind="noise")[at],
-        "trials": _dots(pick(table, kind="trial")),
+        "trials": wide.iloc[keep].reset_index(names="trial"),
         "means": means[[*at, "residual_percent", "words"]],
     }
     return _spec(
@@ -215,13 +211,3 @@ def _residual_view(table: pd.DataFrame, boundary: str) -> Spec:
         covariates=[*names],
         names=[*names.values()],
     )
-
-
-def _dots(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials with a column for each covariate, not more than `MOST_DOTS`."""
-    wide = trials.pivot(index="trial", columns="covariate", values="x")
-    first = trials.drop_duplicates("trial").set_index("trial")["residual_percent"]
-    wide = wide.reindex(first.index).assign(residual_percent=first)
-    n = len(wide)
-    keep = np.unique(np.linspace(0, n - 1, min(n, MOST_DOTS)).round().astype(int))
-    return wide.iloc[keep].reset_index(names="trial")

@@ -4,7 +4,6 @@ the same workspace.
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path, PurePath
 
@@ -73,34 +72,23 @@ def _file(root: Path, overlay: Overlay) -> pd.DataFrame:
         remedy = f"an overlay is a few points: at most {MAX_BYTES} bytes"
         raise InputRefused(overlay.file, f"has {path.stat().st_size} bytes", remedy)
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as fault:
-        what = f"is not UTF-8 text ({fault.reason} at byte {fault.start})"
-        raise InputRefused(overlay.file, what, "save it as UTF-8") from None
-    kept = [(i, s) for i, s in enumerate(lines, 1) if s.strip() and not s.startswith("#")]
-    rows = list(csv.DictReader(line for _, line in kept))
-    if missing := [c for c in COLUMNS if not rows or c not in rows[0]]:
+        rows = pd.read_csv(path, dtype=str, comment="#", encoding="utf-8-sig").fillna("")
+    except ValueError as fault:
+        what = f"cannot be read: {str(fault).splitlines()[0]}"
+        raise InputRefused(overlay.file, what, "save it as CSV in UTF-8") from None
+    rows.columns = rows.columns.str.strip()
+    missing = [c for c in COLUMNS if c not in rows]
+    if missing or rows.empty:
         wanted = f"an overlay has the columns {', '.join(COLUMNS)} (fractions; u may be empty)"
-        what = f"lacks {', '.join(missing)}" if rows else "holds no rows"
+        what = f"lacks {', '.join(missing)}" if missing else "holds no rows"
         raise InputRefused(overlay.file, what, wanted)
-    points = [
-        {c: _number(row[c], c, f"{overlay.file}, line {i}") for c in COLUMNS}
-        | {"boundary": row.get("boundary") or overlay.boundary or "ground"}
-        for (i, _), row in zip(kept[1:], rows, strict=True)
-    ]
+    points = rows[[*COLUMNS]].apply(pd.to_numeric, errors="coerce")
+    least = {"z_hat": math.ulp(0.0), "delta_L": -math.inf, "u": 0.0}
+    good = np.isfinite(points) & (points >= pd.Series(least))
+    good["u"] |= rows["u"].str.strip() == ""
+    for row, column in zip(*np.nonzero(~good.to_numpy()), strict=True):
+        what = f"{COLUMNS[column]} = {rows[COLUMNS[column]][row]!r} cannot be drawn"
+        raise InputRefused(f"{overlay.file}, row {row + 1}", what, "correct or remove that row")
+    named = rows.get("boundary", pd.Series("", index=rows.index))
+    points["boundary"] = named.replace("", overlay.boundary or "ground")
     return pd.DataFrame(points)
-
-
-def _number(text: str | None, column: str, place: str) -> float:
-    cell = (text or "").strip()
-    if column == "u" and not cell:
-        return math.nan
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    low = {"z_hat": math.ulp(0.0), "u": 0.0}.get(column, -math.inf)
-    if not (math.isfinite(value) and value >= low):
-        what = f"{column} = {cell!r} cannot be drawn"
-        raise InputRefused(place, what, "correct or remove that line")
-    return value

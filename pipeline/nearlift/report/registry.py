@@ -6,7 +6,7 @@ A new figure is its file and its name here; a new chapter its function and its e
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -28,9 +28,7 @@ from nearlift.report.chapters import (
 from nearlift.report.charts import Chart
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.run.engine import Stage
 from nearlift.run.tables import Product
-from nearlift.stages import STAGES
 from nearlift.stages.detect import DETECTION, PROXIMITY
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, POSTERIOR
@@ -76,24 +74,6 @@ def _pictures(names: str, evidence: Evidence) -> Markup:
     return blocks.join(*map(blocks.figure, names.split()))
 
 
-def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
-    """The chapters that stages declare; each is on the page when all that its stage writes
-    exists.
-    """
-    chapters = []
-    for stage in stages:
-        if stage.chapter is None:
-            continue
-        drawn = " ".join(stage.chapter.figures)
-        module, _, name = stage.chapter.facts.partition(":")
-        facts = (
-            getattr(importlib.import_module(module), name) if name else partial(_pictures, drawn)
-        )
-        title = stage.chapter.title
-        chapters.append(Chapter("further", stage.name, title, facts, stage.writes, drawn))
-    return tuple(chapters)
-
-
 #: What the contents list names, in order; the first part is the first screen.
 PARTS = {
     "verdict": "Answer",
@@ -103,7 +83,6 @@ PARTS = {
     "others": "Other models",
     "velocity": "Flow",
     "flight": "Flight",
-    "further": "Further",
     "origin": "Provenance",
 }
 
@@ -146,7 +125,6 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(
         "flight", "proximity", "Proximity", proximity.facts, (DETECTION, PROXIMITY), "detection"
     ),
-    *declared(STAGES),
     Chapter("origin", "provenance", "Inputs, versions and command", records.provenance, ()),
 )
 

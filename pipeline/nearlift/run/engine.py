@@ -72,24 +72,6 @@ class Busy(NearliftError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StageChapter:
-    """The chapter of the report in which a stage's products are shown.
-
-    Attributes
-    ----------
-    figures : tuple of str
-        Names of modules under `report.figures`, each with its `FIGURE`.
-    facts : str
-        Function, as ``module:name``, from evidence to the chapter's HTML; empty where the chapter
-        is its figures.
-    """
-
-    title: str
-    figures: tuple[str, ...] = ()
-    facts: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
     """One step of a run, which is also a command.
 
@@ -112,8 +94,6 @@ class Stage:
         Options with which the command answers a question instead of running the stage.
     example : str
         The question as an example of the help.
-    chapter : StageChapter or None
-        Its chapter of the report, unless the report gives it a place of its own.
     """
 
     name: str
@@ -128,7 +108,6 @@ class Stage:
     where: str = ""
     question: tuple[click.Option, ...] = ()
     example: str = ""
-    chapter: StageChapter | None = None
 
     def configured(self, campaign: Campaign) -> bool:
         """Whether this campaign asks for the stage."""

@@ -168,35 +168,32 @@ def _level(second: str, level: float) -> str:
 
 
 def _candidates(diagnosis: BoundaryDiagnosis) -> list[Part]:
-    """The best candidates, the rejected ones with what they leave."""
+    """The best candidates, the rejected ones with what they leave; the best single effect always,
+    as it shows why one is not enough.
+    """
     listed = ranked(diagnosis)
+    single = next((c for c in listed if "+" not in c.tried.name), None)
     shown = listed[:CANDIDATES]
-    if listed and not any("+" not in c.tried.name for c in shown):
-        # the best single effect shows why one is not enough
-        shown = [*shown[:-1], next((c for c in listed if "+" not in c.tried.name), shown[-1])]
-    about = {"unit": "2 ln evidence"}
+    if single is not None and single not in shown:
+        shown[-1] = single
     return [
-        {"kind": c.kind, "label": c.tried.name, "note": note, "value": c.behind, **about}
-        for c, note in ((c, _outcome(diagnosis, c)) for c in shown)
+        {"kind": c.kind, "label": c.tried.name, "note": _outcome(diagnosis, c), "value": c.behind}
+        | {"unit": "2 ln evidence"}
+        for c in shown
     ]
 
 
 def _outcome(diagnosis: BoundaryDiagnosis, candidate: RankedCandidate) -> str:
     """Outcome of a candidate with its probability, or the reason of its rejection."""
-    if candidate.kind != "rejected":
-        effects = set(candidate.tried.name.split(" + "))
-        probability = [
-            f", {100 * p.probability:.0f} %"
-            for p in diagnosis.probabilities or ()
-            if p.effects and set(p.effects) == effects
-        ]
-        return MEANT[candidate.kind] + "".join(probability)
-    if candidate.refuted:
-        return "not confirmed"
-    if candidate.tried.judged_by:
-        return "too little"
-    left_in = candidate.tried.left_in
-    return f"leaves {along(left_in)}" if left_in else "explains too little"
+    if candidate.kind == "rejected":
+        if candidate.refuted or candidate.tried.judged_by:
+            return "not confirmed" if candidate.refuted else "too little"
+        left_in = candidate.tried.left_in
+        return f"leaves {along(left_in)}" if left_in else "explains too little"
+    effects = {*candidate.tried.name.split(" + ")}
+    known = {frozenset(p.effects): p.probability for p in diagnosis.probabilities or ()}
+    probability = known.get(frozenset(effects))
+    return MEANT[candidate.kind] + (f", {100 * probability:.0f} %" if probability else "")
 
 
 def _errors(evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis) -> list[Part]:
@@ -282,8 +279,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
     blocks = [pick(table, panel=b) for (b,) in groups(table, "panel")]
     lines = [_lines(block) for block in blocks]
     # a candidate of two effects takes two lines
-    pairs = [block[block["part"] == "candidate"]["label"].str.contains("+", regex=False).sum()
-             for block in blocks]  # fmt: skip
+    pairs = [sum("+" in name for name in pick(b, part="candidate")["label"]) for b in blocks]
     heights = [1.72 if len(of) == 1 else 3.15 + 0.1 * n for of, n in zip(lines, pairs, strict=True)]
     height = min(look.double_in / 6.75 * sum(heights), PAGE_IN)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
