@@ -93,9 +93,9 @@ def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> Part:
     }
 
 
-def cut(evidence: Evidence, name: str, rotor: str = "all") -> Part:
+def cut(evidence: Evidence, name: str) -> Part:
     """The row of downwash.parquet of one case."""
-    [row] = evidence.frame(DOWNWASH, case=name, rotor=rotor).to_dict("records")
+    [row] = evidence.frame(DOWNWASH, case=name, rotor="all").to_dict("records")
     return {str(column): value for column, value in row.items()}
 
 
