@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.unit.bench_campaign import (
-    force_mN,
     run_ingest,
     small_campaign,
     write_record,
@@ -90,22 +89,6 @@ def test_inputs_are_what_the_product_is_made_from(root: Path) -> None:
     assert names[:3] == ["trials.csv", "trials/t00.csv", "trials/t02.csv"]
     assert "trials/t01.csv" not in names
     assert len(names) == 1 + 7
-
-
-def test_a_far_lift_that_does_not_rise_is_flagged_and_kept(tmp_path: Path) -> None:
-    root = tmp_path / "raw"
-    root.mkdir()
-    small_campaign(root, (100.0, 250.0, 400.0, 380.0))
-    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN))
-    assert outcome.rejected == ()
-    note, remarks = outcome.notes
-    assert remarks == "1 accepted trial carries a remark: not_rising 1"
-    assert re.match(
-        r"far from the ground the lift does not rise with throttle: 0\.(4|3999|4001) N at 75 %,"
-        r" 0\.3[78]\d* N at 92 %",
-        note,
-    )
-    assert list(job.read(TRIALS)["quality"]) == [""] * 7 + ["not_rising"]
 
 
 def refused(
@@ -270,23 +253,3 @@ def test_means_need_a_lift(tmp_path: Path) -> None:
     write_schedule(tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,\n")
     with pytest.raises(ManifestError, match="line 2, column 'lift': is empty"):
         run_ingest(tmp_path, tmp_path / "out", manifest(**MEANS))
-
-
-def test_a_trial_that_its_repeats_contradict_is_named_and_kept(tmp_path: Path) -> None:
-    folder = tmp_path / "raw"
-    folder.mkdir()
-    rows = ["trial,boundary,distance,throttle"]
-    for k in range(32):
-        lift = 100.0 * (1.3 if k == 9 else 1.0)
-        rows.append(f"t{k:02d},ground,{(30, 60, 120, 300)[k // 2 % 4]},{(50, 75)[k % 2]}")
-        write_record(folder, f"t{k:02d}", force_mN(lift * (1 + k % 2), seed=k))
-    outcome, job = run_ingest(write_schedule(folder, "\n".join(rows) + "\n"), tmp_path, manifest())
-    quality = job.read(TRIALS)["quality"]
-    assert [i for i, text in enumerate(quality) if "outlying" in text.split()] == [9]
-    assert outcome.rejected == ()
-    assert any(
-        re.match(
-            r"t09 lifts \+\d.* % against its repeats and neighbours, \d+ times their scatter", note
-        )
-        for note in outcome.notes
-    )
