@@ -18,7 +18,7 @@ from tests.unit import quoted
 from tests.unit.manifests import raw_manifest
 
 from nearlift import catalogue
-from nearlift.declare import Check, compose
+from nearlift.declare import compose
 from nearlift.errors import InputRefused
 from nearlift.flight.export.lift_model import ModelExport, c_header, exported, json_schema
 from nearlift.flight.export.table import lift_table
@@ -36,7 +36,6 @@ needs_compiler = pytest.mark.skipif(GCC is None, reason="no C compiler on this m
 #: A float carries 6e-8; the table is within 1.5e-7 of the model, and either form takes some ten
 #: roundings. A slope, relative to the largest, is a difference of them.
 FLOAT, SLOPE = 2e-6, 2e-4
-NOTHING_FREE = {"best": {}, "intervals": {}, "draws": {}, "effects": ()}
 
 
 @pytest.fixture(scope="module")
@@ -45,16 +44,16 @@ def job(remake):
     job = remake()
     (job.root / "campaign.toml").write_text("")
     os.utime(job.root / "campaign.toml", (1.6e9, 1.6e9))
-    span = {"value": 0.02, "lo90": 0.01, "hi90": 0.03}
-    power = {"value": 0.68, "lo90": 0.68, "hi90": 0.68}
-    effect = {
-        "name": "near_wall_saturation",
-        "parameters": {"gap_hat2": span, "saturation_power": power},
-    }
+    sizes = {"gap_hat2": (0.01, 0.02, 0.03), "saturation_power": (0.68, 0.68, 0.68)}
+    alpha, *saturation = (
+        {"value": value, "lo90": low, "hi90": high}
+        for low, value, high in ((0.09, 0.1, 0.11), *sizes.values())
+    )
+    parameters = dict(zip(sizes, saturation, strict=True))
     block = {
         "verdict": "effect",
-        "effects": [effect],
-        "coefficients": {"after": {"alpha": {"value": 0.1, "lo90": 0.09, "hi90": 0.11}}},
+        "effects": [{"name": "near_wall_saturation", "parameters": parameters}],
+        "coefficients": {"after": {"alpha": alpha}},
     }
     job.write(DIAGNOSIS, quoted.diagnosis({"ceiling": block}))
     quoted.write(job, {"ceiling": block})
@@ -275,8 +274,8 @@ def test_the_header_says_where_it_comes_from(job, named):
 # ---- what is exported
 
 
-def other_model(job, name, parameters, tilt_rad=None):
-    """The campaign with another base model at the ground, on another rig, before its export."""
+def other_model(job, name, parameters=(), tilt_rad=None):
+    """Lift of the campaign with another base model at the ground, on another rig."""
     content = job.read_json(RESULTS)
     ground = content["boundaries"]["ground"]
     was = ground["coefficients"]["K_b"]
@@ -285,44 +284,26 @@ def other_model(job, name, parameters, tilt_rad=None):
     if tilt_rad is not None:
         trials = job.read(TRIALS)
         job.write(TRIALS, trials | {"tilt_rad": np.resize(tilt_rad, len(trials["z_hat"]))})
-    return job
+    return quoted.fitted_lift(job, "ground", 2)
 
 
 def test_what_a_model_needs_is_known_or_refused_and_never_taken_for_one(remake):
     rig = raw_manifest()["rig"] | {"edge": "10 mm", "gap": "92 mm"}
-    at_edge = quoted.fitted_lift(
-        other_model(remake("ground", rig=rig), "images_edge", ()), "ground", 2
-    )
+    at_edge = other_model(remake("ground", rig=rig), "images_edge")
     assert at_edge.arguments["edge_hat"] == pytest.approx(10 / 23)
     with pytest.raises(InputRefused, match="lift between two boundaries is for fits"):
-        quoted.fitted_lift(
-            other_model(remake("ground", rig=rig), "corridor", ("kappa",)), "ground", 2
-        )
-    tilted = other_model(remake("ground"), "images_tilted", (), tilt_rad=[0.05])
-    assert quoted.fitted_lift(tilted, "ground", 2).arguments["tilt_rad"] == 0.05
+        other_model(remake("ground", rig=rig), "corridor", ("kappa",))
+    tilted = other_model(remake("ground"), "images_tilted", tilt_rad=[0.05])
+    assert tilted.arguments["tilt_rad"] == 0.05
     for angles in ([0.05, -0.05], None):
-        job = other_model(remake("ground"), "images_tilted", (), tilt_rad=angles)
+        job = remake("ground")
         with pytest.raises(InputRefused, match="needs tilt_rad, which is not one and the same"):
-            quoted.fitted_lift(job, "ground", 2)
+            other_model(job, "images_tilted", tilt_rad=angles)
 
 
 def test_a_ratio_that_two_heights_have_has_no_inverse(lifts):
-    turning = replace(
-        catalogue.model("images"),
-        evaluate=lambda z, /, *, layout_hat: 1 + 0.1 * z * np.exp(-z / 3),
-        per_rotor=None,
-        checks=(
-            Check(
-                x=1.0,
-                expected=1 + 0.1 * math.exp(-1 / 3),
-                arguments={"layout_hat": 0},
-                quoted_by="own",
-            ),
-        ),
-    )
-    folds = replace(lifts["ground"], model=turning, arguments={"layout_hat": 0}, **NOTHING_FREE)
-    text = c_header(whole(exported(folds)))
-    assert "no inverse: the model folds at z_hat = 3" in text
+    text = c_header(whole(exported(replace(lifts["ground"], best={"K_b": -3.0}))))
+    assert re.search(r"no inverse: the model folds at z_hat = \d", text)
     assert "nearlift_c_ground(nearlift_real z_m)" in text
     assert "nearlift_c_ground_height(" not in text
 

@@ -17,7 +17,7 @@ from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.piv import files_of
 from nearlift.run import engine
-from nearlift.stages import STAGES, flow
+from nearlift.stages import flow
 from nearlift.stages.flow import (
     DOWNWASH,
     DOWNWASH_PROFILE,
@@ -156,10 +156,6 @@ def rewrite(root: Path, case: str, change) -> None:
         path.write_text(NEW + "\n".join("\t".join(f"{v:.6g}" for v in row) for row in rows) + "\n")
 
 
-def test_two_cases_pass_as_they_are(two):
-    assert flow.run(job(two, two)).notes == ()
-
-
 def test_a_file_of_zeros_is_left_out_with_its_reason(two):
     path = two / "piv/control/0003.txt"
     rows = np.loadtxt(path)
@@ -178,32 +174,15 @@ def test_a_case_of_zeros_is_refused(two):
         flow.run(job(two, two))
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (
-            lambda r: r.__setitem__((slice(None), 3), -r[:, 3]),
-            "one component is flipped|moves along thrust",
-        ),
-        (
-            lambda r: r.__setitem__((slice(None), slice(2, 4)), 1e3 * r[:, 2:4]),
-            "mm/s written as m/s",
-        ),
-        (
-            lambda r: r.__setitem__((slice(None), slice(0, 2)), 1e-3 * r[:, :2]),
-            "the cut 11.5 mm below the rotor plane has no vector",
-        ),
-    ],
-)
-def test_wrong_signs_and_units_in_files_are_refused(two, change, says):
-    rewrite(two, "ground-4", change)
-    with pytest.raises(InputRefused, match=says):
+def test_wrong_units_in_files_are_refused(two):
+    rewrite(two, "ground-4", lambda r: r.__setitem__((slice(None), slice(2, 4)), 1e3 * r[:, 2:4]))
+    with pytest.raises(InputRefused, match="mm/s written as m/s"):
         flow.run(job(two, two))
 
 
 def test_v_sign_mends_a_flipped_component_and_thrust_an_inverted_vehicle(two):
     made = job(two, two)
-    flow.run(made)
+    assert flow.run(made).notes == ()
     plain = made.read(DOWNWASH)["reduction"]
     rewrite(two, "ground-4", lambda r: r.__setitem__((slice(None), 3), -r[:, 3]))
     edit(two, 'name = "ground-4"', 'name = "ground-4"\nv_sign = -1')
@@ -331,8 +310,3 @@ def test_flow_runs_with_the_others_and_what_reads_it_heeds_the_grids(two, tmp_pa
     assert left["diagnose"] == "[piv] of the manifest has changed"
     assert left["report"]
     assert not any(left[name] for name in others)
-
-
-def test_the_stages_are_listed_in_an_order_in_which_they_can_run():
-    names = [s.name for s in STAGES]
-    assert names.index("flow") < names.index("report")
