@@ -412,7 +412,10 @@ def of_columns(
         if name in RESERVED:
             what = f"the column {name!r} has the name of a result"
             raise ManifestError(str(path), what, "rename it")
-        if hint := did_you_mean(name, [n for n in BY_NAME if n not in columns]):
+        # files' names, from which `new` took the ids, keep their heading
+        files = all(map(str.startswith, column.texts, columns["trial"].texts))
+        hint = did_you_mean(name, [n for n in BY_NAME if n not in columns])
+        if hint and not files:
             notes.append(f"{path.name}: column {name!r} is kept as it is; {hint}")
         filled = [t for t in column.texts if t.lower() not in BLANK]
         is_numeric = filled and all(map(NUMBER.fullmatch, filled))

@@ -37,6 +37,11 @@ def test_a_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
         ("t_s", ("t", "s")),
         ("vbat_V", ("vbat", "V")),
         ("Thrust (gf)", ("Thrust", "gf")),
+        ("Thrust, gf", ("Thrust", "gf")),
+        ("Kraft / N", ("Kraft", "N")),
+        ("Zeit in s", ("Zeit", "s")),
+        ("Speed m/s", ("Speed m/s", "")),
+        ("Position x, y", ("Position x, y", "")),
         ("fz_n", ("fz", "N")),
         ("millis", ("millis", "ms")),
         # counts, and names that end like a unit by chance

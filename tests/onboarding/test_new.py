@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tomllib
+import unicodedata
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,36 @@ def test_records_and_the_table_that_lists_them_make_a_campaign_that_runs(recorde
     )
     for column in ("trial", "boundary", "z_hat", "throttle", "lift_N"):
         assert (ours[column] == theirs[column]).all()
+
+
+def listed(folder: Path, *rows: str) -> Path:
+    """Three records of rotors that spin up slowly, and a list with these rows."""
+    t = np.arange(240) / 80
+    force = 300 * (1 - np.exp(-np.maximum(t - 1, 0) / 0.25)) + np.sin(9999 * t)
+    text = "t_s,force_gf\n" + "".join(f"{a:.4f},{b:.2f}\n" for a, b in zip(t, force, strict=True))
+    for name in ("höhe 1", "höhe 2", "höhe 3"):
+        written.put(folder, unicodedata.normalize("NFD", f"{name}.csv"), text.encode())
+    written.put(
+        folder, "list.csv", "\n".join(["record,height_mm,throttle_pct", *rows, ""]).encode()
+    )
+    return folder
+
+
+def test_a_list_names_records_in_any_case_and_form_and_their_throttle_makes_no_sweep(tmp_path):
+    rows = ("HÖHE 1,20,50", "Höhe 2.csv,30,50", "höhe 3,40,50")
+    manifest, lines, _ = new(tmp_path / "c", listed(tmp_path / "rig", *rows))
+    assert "segments" not in manifest
+    assert lines[0].startswith("trial,record,distance,throttle")
+    wanted = [unicodedata.normalize("NFD", f"höhe {i}") for i in (1, 2, 3)]
+    assert [line.partition(",")[0] for line in lines[1:]] == wanted
+
+
+def test_a_record_that_the_list_lacks_is_named(tmp_path):
+    folder = listed(tmp_path / "rig", "höhe 1,20,50", "höhe 3,40,50")
+    refused = nearlift("new", tmp_path / "c", "--from", folder)
+    assert refused.exit_code == 4
+    plain = unicodedata.normalize("NFC", refused.stderr)
+    assert "lists 2 of 3 records, and not höhe 2\n  add a row" in plain
 
 
 def test_a_schedule_in_the_folder_serves_its_records_and_is_no_record(recorded, tmp_path):

@@ -177,6 +177,10 @@ def test_error_codes_of_a_converter_make_no_sweep_of_one_lift() -> None:
     counts = held(rng)["force"]
     counts[rng.random(len(counts)) < 0.03] = 2**23 - 1
     assert not is_sweep(counts)
+    # the stretches of a short record hold three samples
+    short = np.repeat([0.0, 300.0], [80, 160]) + rng.normal(0, 0.5, 240)
+    for code in (-9999.0, 32767.0):
+        assert not is_sweep(np.where(rng.random(240) < 0.05, code, short))
 
 
 def test_ramps_cut_as_proposed_give_the_coefficient(tmp_path: Path) -> None:

@@ -131,3 +131,30 @@ DASHES = "h_mm,-,T_g,-\n20,1,300,1\n30,1,280,1\n60,1,250,1\n"
 def test_several_tables_in_one_file_are_told(tmp_path: Path, text: str, said: str) -> None:
     answer = nearlift("inspect", written.put(tmp_path, "a.csv", text.encode()))
     assert (answer.exit_code, said in answer.stderr) == (4, True), answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        (("h (mm)", "30% (gf)", "50% (gf)"), ("percent", "gf")),
+        (("Height [mm]", "Thrust 30 % [N]", "Thrust 50 % [N]"), ("percent", "N")),
+        (("Abstand (mm)", "30 µs / mN", "50 µs / mN"), ("us", "mN")),
+    ],
+)
+def test_lifts_side_by_side_become_a_row_each(
+    tmp_path: Path, names: tuple[str, ...], units: tuple[str, str]
+) -> None:
+    path = written.put(tmp_path, "t.csv", f"{','.join(names)}\n20,1,2\n40,3,4\n".encode())
+    answer = nearlift("new", tmp_path / "c", "--from", path)
+    assert answer.exit_code == 0, answer.output
+    rows = (tmp_path / "c" / "trials.csv").read_text().splitlines()
+    assert rows[0] == "trial,distance,throttle,lift"
+    assert rows[1:] == ["1,20,30,1", "2,40,30,3", "3,20,50,2", "4,40,50,4"]
+    stated = tomllib.loads((tmp_path / "c" / "campaign.toml").read_text())["trials"]["units"]
+    assert (stated["throttle"], stated["lift"]) == units
+
+
+def test_forces_of_a_record_are_no_table_of_means(tmp_path: Path) -> None:
+    rows = "".join(f"{20 + i // 9},{i % 7},{i % 5}\n" for i in range(90))
+    path = written.put(tmp_path, "t.csv", f"height (mm),F 1 (N),F 2 (N)\n{rows}".encode())
+    assert inspect(path).table is None

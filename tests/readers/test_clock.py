@@ -34,6 +34,8 @@ from nearlift.reduction.samples import Conditions, clock_codes
         (["Oct 27 2024 14:05:03", "Oct 27 2024 14:05:04"], [0, 1]),
         (["14. März 2026 14:05:03,25", "14. März 2026 14:05:04,5"], [0, 1.25]),
         (["14h05m03.2s", "14h05m03,7s"], [0, 0.5]),
+        (["14時5分03.2秒", "14時05分03.7秒"], [0, 0.5]),
+        (["2026-03-01 14:05:03.2 JST", "2026-03-01 14:05:03.7 JST"], [0, 0.5]),
         (["14/03/2026 02:05:03.2 pm", "14/03/2026 02:05:03.7 pm"], [0, 0.5]),
     ],
 )
@@ -129,11 +131,31 @@ def test_a_spreadsheets_days_are_a_clock(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.time_s - record.time_s[0], np.arange(99) / 10, atol=1e-4)
 
 
-def test_stamps_in_whole_seconds_are_no_clock_of_samples(tmp_path: Path) -> None:
+def test_days_of_matlab_are_a_clock(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("time,force\n" + "".join(f"12:00:{i // 80:02d},{i % 7}\n" for i in range(400)))
+    rows = "".join(f"{740043.5 + i / 86400 / 40:.9f},{i % 7}\n" for i in range(99))
+    path.write_text("datenum,Thrust (gf)\n" + rows)
     found = inspect(path)
-    assert "each time of 'time' has 80 rows" in found.shared_stamps
+    assert found.clock is not None
+    assert found.force is not None
+    assert (found.clock.unit, found.force.rate_Hz) == ("day", pytest.approx(40, rel=1e-3))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "rows"),
+    # the second is 40 Hz rounded to tenths: three to five rows of each
+    [
+        ([f"12:00:{i // 80:02d}" for i in range(400)], 80),
+        ([f"{i / 40:.1f}" for i in range(200)], 4),
+    ],
+)
+def test_coarse_stamps_are_no_clock_of_samples(
+    tmp_path: Path, stamps: list[str], rows: int
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time,force\n" + "".join(f"{t},{i % 7}\n" for i, t in enumerate(stamps)))
+    found = inspect(path)
+    assert f"each time of 'time' has {rows} rows" in found.shared_stamps
     assert "\ntime" not in block(found)
 
 

@@ -31,6 +31,8 @@ def layout(content: str | bytes, said: Dialect = dialect.UNSTATED) -> table.Layo
         ("force\n1,5\n2,25\n", ("force",), "", ",", "decimal commas"),
         ("a,b,\n1,2,\n3,4,\n", ("a", "b"), ",", ".", ""),
         ("a,b\n1,2,\n3,4,\n", ("a", "b"), ",", ".", ""),
+        # as spreadsheets save a sheet that was wider once
+        ("a,b,,,\n1,2,,,\n3,,,,\n", ("a", "b"), ",", ".", ""),
         (
             "# a log\nrate: 1000\nt,F\n0,1\n",
             ("t", "F"),

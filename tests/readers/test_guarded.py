@@ -35,6 +35,16 @@ def small() -> Iterator[guarded.Guarded]:
     process.close()
 
 
+def test_a_relative_path_is_of_the_current_folder(
+    small: guarded.Guarded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("a", 1), ("b", 2)):
+        (tmp_path / name).mkdir()
+        written.put(tmp_path / name, "r.csv", f"F\n{value}\n{value}\n".encode())
+        monkeypatch.chdir(tmp_path / name)
+        assert small(text.contents, Path("r.csv"), {}, None).channels[0].values[0] == value
+
+
 def test_a_refusal_keeps_its_type_and_all_that_it_says(
     small: guarded.Guarded, tmp_path: Path
 ) -> None:

@@ -178,6 +178,18 @@ def test_lengths_are_judged_by_the_plan_where_there_is_one() -> None:
         judge.check_lengths({"samples": np.array([900, 900])}, codes, planned)
 
 
+@pytest.mark.parametrize(
+    ("u_zero", "stuck"),
+    # noise in every other tare; a quiet scale that flips a code now and then; no tares
+    [([0.04, 0, 0.05, 0.04], [1]), ([1e-4, 0, 0, 1e-4], []), ([0, 0, 0, 0], [])],
+)
+def test_a_constant_tare_among_noisy_ones_is_stuck(u_zero: list[float], stuck: list[int]) -> None:
+    codes: list[list[str]] = [[] for _ in u_zero]
+    columns = {"n": np.full(4, 160), "u_zero_N": np.array(u_zero), "u_lift_N": np.full(4, 0.07)}
+    judge.mark_constant_tares(columns, codes)
+    assert [i for i, names in enumerate(codes) if names == ["STUCK"]] == stuck
+
+
 def test_a_record_of_another_trial_is_named() -> None:
     columns = {
         "source_sha256": np.array(["a", "b", "a"], dtype=object),

@@ -259,6 +259,17 @@ def test_saturation_by_range_and_by_rail() -> None:
     assert reduced(force - 1.0, range_N=0.8).codes == ("SATURATED",)
 
 
+@pytest.mark.parametrize("reading", [0.0, -1.0])
+def test_a_reading_at_rest_that_is_the_first_of_the_lift_is_left_out(reading: float) -> None:
+    clean = record(np.random.default_rng(14), tare=80, live=160, lift=300.0, noise=0.5)
+    force = clean.copy()
+    force[80] = reading
+    given = {"rate_Hz": 80.0, "tare_s": 1.0}
+    got = reduced(force, **given)
+    assert (got.codes, got.n) == (("spikes",), 159)
+    assert got.lift_N == pytest.approx(reduced(clean, **given).lift_N, abs=0.02)
+
+
 def test_spikes_leave_the_mean_and_its_uncertainty() -> None:
     clean = record(np.random.default_rng(12))
     for size, others in ((0.1, 0.0), (-0.1, 0.0), (5.0, 0.1), (1e200, 0.0)):

@@ -115,6 +115,12 @@ def test_further_columns_are_kept_and_a_likely_slip_is_noted(tmp_path: Path) -> 
     assert list(got.covariates["propeller"]) == ["A", "B"]
     np.testing.assert_array_equal(got.covariates["nut torque"], [1.5, np.nan])
     assert got.notes == ("trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",)
+    # names of files, from which `nearlift new` took the ids
+    got = read(
+        tmp_path,
+        "trial,record,boundary,distance,throttle\na,a,ground,43,25\nb,b.csv,ground,43,50\n",
+    )
+    assert got.notes == ()
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])

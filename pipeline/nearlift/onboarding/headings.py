@@ -29,14 +29,16 @@ from nearlift.schedule import BY_NAME, KNOWN, RADII
 WORDS = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
 #: Sample rates of load cells, Hz. A lower one is of means of steps, a higher one of another unit.
 USUAL_RATES_HZ = (1.0, 2e6)
-#: Times since 1970 of records, s (1995 to 2096), and their dates in days of a spreadsheet.
-STAMPS_S, STAMPS_DAYS = (8e8, 4e9), (2e4, 8e4)
+#: Times since 1970 of records, s (1995 to 2096), and their dates in days of a spreadsheet and of
+#: MATLAB.
+STAMPS_S = (8e8, 4e9)
+STAMPS_DAYS = (2e4, 8e4), (7.2e5, 7.8e5)
 #: Letters behind the last underscore of a name that are an index or a count, and no unit.
 NO_UNITS = ("c", "k", "n")
 
 
 def named(heading: str) -> tuple[str, str]:
-    """Name and unit (empty: none) of ``Thrust (gf)``, ``weight[g]`` or ``h_mm``."""
+    """Name and unit (empty: none) of ``Thrust (gf)``, ``Kraft / N`` or ``h_mm``."""
     bare, unit = split_unit(heading)
     if unit:
         return bare, WORDS["units"].get(fold(unit), unit)
@@ -46,6 +48,11 @@ def named(heading: str) -> tuple[str, str]:
     within = re.fullmatch(r"([^()\[\]]+)[(\[]([^()\[\]]+)[)\]]\s*(\w[\w ]*)", heading.strip())
     if within and (inner := unit_word(within[2])):
         return f"{within[1].rstrip()} {within[3]}", inner
+    # the unit last, as in "Kraft / N", "Thrust, gf" and "Zeit in s"
+    for sign in (" / ", ",", " in "):
+        head, _, last = heading.strip().rpartition(sign)
+        if head and (stated := unit_word(last)):
+            return head, stated
     head, _, suffix = heading.strip().rpartition("_")
     # a lower-case n is newtons in the name of a force
     is_unit = suffix not in NO_UNITS or (
@@ -117,7 +124,8 @@ def stamp_unit(clock: Channel) -> str:
     for unit in ("s", "ms", "us", "ns"):
         if STAMPS_S[0] < first * SECONDS[unit] < STAMPS_S[1]:
             return unit
-    return "day" if STAMPS_DAYS[0] < first < STAMPS_DAYS[1] and 0 < last - first < 1 else ""
+    dated = any(low < first < high for low, high in STAMPS_DAYS)
+    return "day" if dated and 0 < last - first < 1 else ""
 
 
 def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel | None:

@@ -35,7 +35,7 @@ class Inspection:
     """Contents of one file, its reader, and the channels that may be the force and its clock.
 
     `unnamed` marks a text without a header, whose columns the `dialect` names. A velocity grid has
-    `grid`, a list of trials `table`.
+    `grid`, a list of trials `table`. `one_lift`: the throttle of the record is known.
     """
 
     path: Path
@@ -47,6 +47,7 @@ class Inspection:
     unnamed: bool = False
     grid: Grid | None = None
     table: InputTable | None = None
+    one_lift: bool = False
 
     @property
     def doubt(self) -> str:
@@ -64,6 +65,8 @@ class Inspection:
         """Sweep of a record of many lifts; None of one trial, or of no record."""
         # where the rate is doubtful, rows are means already
         if self.force is None or self.reader in ("", "parquet") or self.doubt or self.wraps:
+            return None
+        if self.one_lift:
             return None
         clocks = [c.name for c in self.contents.channels if headings.is_clock(c.name)]
         return ramp_of(self.force, self.contents.channels, clocks, self.force.rate_Hz)
@@ -100,13 +103,9 @@ class Inspection:
     def rows_per_stamp(self) -> int:
         """Number of rows that share each time of the clock; 1 where each has its own."""
         times = np.empty(0) if self.clock is None else self.clock.values
-        times = times[np.isfinite(times)]
-        changes = np.flatnonzero(np.diff(times))
-        each = int(changes[0]) + 1 if len(changes) else 1
-        if each < 2 or len(times) < 2 * each:
-            return 1
-        groups = times[: len(times) // each * each].reshape(-1, each)
-        return each if (groups == groups[:, :1]).mean() > 0.9 else 1
+        # the last time may be cut
+        rows = np.diff(np.flatnonzero(np.diff(times[np.isfinite(times)])), prepend=-1)
+        return int(np.median(rows)) if len(rows) and np.mean(rows > 1) > 0.9 else 1
 
     @property
     def shared_stamps(self) -> str:

@@ -92,6 +92,9 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
             "lists trials, and neither lifts nor the names of the files next to it",
             "name the records, or the folder that they are in: nearlift new DIR --from FILES",
         )
+    if table is not None and "throttle" in table.units:
+        # a record with one throttle is no sweep
+        inspected = [replace(f, one_lift=True) for f in inspected]
     inspected = _of_one_kind(inspected)
     pattern, trials, copies = _places(folder, inspected)
     schedule, more = _schedule(inspected, trials, table)
@@ -158,8 +161,18 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
     for path in files:
         others = [other for other in files if other is not path]
         table = table_of(path, dialect) if others and path.is_file() else None
-        if table is not None and table.ids({trial_of(other.name) for other in others}):
+        if table is None:
+            continue
+        _, lacking = table.ids({trial_of(other.name) for other in others})
+        if not lacking:
             return others, table
+        if 2 * len(lacking) < len(others):
+            raise InputRefused(
+                str(path),
+                f"lists {len(others) - len(lacking)} of {len(others)} records, and not"
+                f" {', '.join(lacking[:5])}{' ...' * (len(lacking) > 5)}",
+                "add a row for each of them, or take their files away",
+            )
     return list(files), None
 
 
@@ -241,7 +254,7 @@ def _schedule(
     more: list[str] = []
     if table is not None:
         schedule = table.schedule(
-            table.ids(trials) or trials, header="record" if swept else "trial"
+            table.ids(trials)[0] or trials, header="record" if swept else "trial"
         )
     elif swept:
         schedule = _blank(["record", "boundary", "distance"], trials)

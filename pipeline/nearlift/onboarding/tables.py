@@ -12,7 +12,7 @@ import pandas as pd
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
-from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect, fold
 from nearlift.readers.files import content_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
@@ -23,6 +23,8 @@ from nearlift.units import NUMBER
 MOST_BYTES = 4 << 20
 #: Rows in a row at one setting, on average, beyond which a table is a record in steps.
 MOST_REPEATS = 50
+#: A throttle within the name of a column of lifts.
+LEVEL = re.compile(r"(\d+(?:\.\d+)?) ?(?:%|percent|pct|([uµμ]s))")
 #: Units by which the only column of its kind is known, whatever it is called.
 BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
 
@@ -69,14 +71,21 @@ class InputTable:
         """Whether it may be a table of mean lifts: lifts by distance."""
         return "lift" in self.units and self.lists_trials
 
-    def ids(self, wanted: Collection[str]) -> list[str] | None:
-        """Trial of every row, from the column with all these ids or files' names; else None."""
+    def ids(self, wanted: Collection[str]) -> tuple[list[str], list[str]]:
+        """Trial of every row, from the column with most of these ids or files' names, and those
+        that it lacks. Names that differ in case or Unicode form are alike.
+        """
+        alike = {fold(name): name for name in wanted}
+        best: tuple[list[str], list[str]] = ([], [*wanted])
         for _, cells in self.cells.items():
             stems = cells.map(lambda cell: Path(cell).stem if Path(cell).suffix else cell)
             for candidate in (cells, stems):
-                if set(wanted) <= set(candidate):
-                    return candidate.to_list()
-        return None
+                rows = candidate.to_list()
+                if len(alike) == len(wanted):
+                    rows = [alike.get(fold(row), row) for row in rows]
+                lacking = sorted({*wanted} - {*rows})
+                best = min(best, (rows, lacking), key=lambda column: len(column[1]))
+        return best
 
     def schedule(
         self, ids: Sequence[str] | None = None, *, means: bool = False, header: str = "trial"
@@ -125,14 +134,41 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
         f"{name} ({unit})" if unit and not headings.named(name)[1] else name
         for name, unit in zip(layout.names, layout.units, strict=True)
     ]
-    meant = columns_meant(stated, [cells[place].to_list() for place in cells])
+    names, cells = _lengthened(stated, cells)
+    written = list(layout.names) if names == stated else names
+    meant = columns_meant(names, [cells[place].to_list() for place in cells])
     places = {place: name for name, (place, _) in sorted(meant.items(), key=lambda x: x[1][0])}
-    places |= {p: n for p, n in enumerate(layout.names) if p not in places and n not in BY_NAME}
+    places |= {p: n for p, n in enumerate(written) if p not in places and n not in BY_NAME}
     return InputTable(
         cells=cells[list(places)].set_axis(list(places.values()), axis="columns"),
         units={name: unit for name, (_, unit) in meant.items()},
-        written={name: layout.names[place] for name, (place, _) in meant.items()},
+        written={name: written[place] for name, (place, _) in meant.items()},
     )
+
+
+def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.DataFrame]:
+    """A table with a lift for each throttle side by side, such as ``50 % (gf)`` or ``1500 us (N)``,
+    as one with a row for each lift; any other table as it is.
+    """
+    lifts = {}
+    for place, name in enumerate(names):
+        bare, unit = headings.named(name)
+        level = LEVEL.search(bare)
+        if level and AS_FORCE.get(unit, unit) in FORCE_UNITS:
+            lifts[place] = level[1], "us" if level[2] else "percent", unit
+    units = {lift[1:] for lift in lifts.values()}
+    others = [place for place in range(len(names)) if place not in lifts]
+    distances = [p for p in others if headings.schedule_column(names[p])[0] == "distance"]
+    # each distance once: not the samples of a record
+    if len(lifts) < 2 or len(units) > 1 or len(distances) != 1 or not cells[distances[0]].is_unique:
+        return names, cells
+    throttle_unit, unit = units.pop()
+    tables = [
+        cells[others].assign(throttle=level, lift=cells[place])
+        for place, (level, _, _) in lifts.items()
+    ]
+    columns = [names[p] for p in others] + [f"throttle ({throttle_unit})", f"lift ({unit})"]
+    return columns, pd.concat(tables, ignore_index=True).set_axis(range(len(columns)), axis=1)
 
 
 def columns_meant(

@@ -17,12 +17,14 @@ import numpy as np
 from nearlift.declare import FloatArray
 
 DAY_S, HOUR_S = 86400.0, 3600.0
-#: Times such as ``14h05m03.2s``.
-_HOURS = re.compile(r"(?<!\w)(\d{1,2})h(\d{2})m(?:in)?(\d{2}(?:[.,]\d+)?)s?(?!\w)", re.IGNORECASE)
+#: Times such as ``14h05m03.2s`` and ``14時05分03秒``.
+_HOURS = re.compile(
+    r"(?<!\w)(\d{1,2})[h時](\d{1,2})(?:m(?:in)?|分)(\d{2}(?:[.,]\d+)?)[s秒]?(?!\w)", re.IGNORECASE
+)
 _TIME = re.compile(
     r"(?:(?P<hour>\d{1,2}):)?(?P<minute>\d{1,2}):(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?"
     r"(?:\s*(?P<half>[ap])\.?m\.?)?"
-    r"(?:\s*(?P<zone>z|utc|[-+]\d{2}:?\d{2}))?",
+    r"(?:\s*(?P<zone>z|utc|gmt|[a-z]{2,4}t|[-+]\d{2}:?\d{2}))?",
     re.IGNORECASE,
 )
 

@@ -252,7 +252,8 @@ def _fitted(
     start = _first_row(lines, where, signs, said.skip, strict)
     at, row = f"{where}, line {start + 1}", _cut(lines[start], signs)
     names, units, top = _header(lines, at, signs, said, start, row)
-    trailing = 1 < len(row) == len(names) + 1 and row[-1] == "" and signs.separator.strip() != ""
+    more = len(row) - len(names)
+    trailing = more if more > 0 and signs.separator.strip() and not any(row[-more:]) else 0
     if len(names) != len(row) - trailing:
         what = f"has {len(row) - trailing} cells under {len(names)} column names"
         remedy = "a decimal comma makes two cells of one; save it with points, or with semicolons"
@@ -349,7 +350,8 @@ def _unit(cell: str) -> str | None:
 def _names(line: str, signs: Layout, columns: int) -> tuple[str, ...]:
     """The cells of a line if they may be names of so many columns, else none."""
     row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), signs)
-    row = row[:-1] if len(row) > 1 and row[-1] == "" else row
+    while len(row) > 1 and row[-1] == "":
+        row.pop()
     if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
         return ()
     several = signs.separator.strip() and len(row) > 1

@@ -59,6 +59,8 @@ class Guarded:
         self.process: subprocess.Popen[bytes] | None = None
         self._link: Connection[Any, Any] | None = None
         self._lock, self._files = threading.Lock(), 0
+        #: The current folder in which it began: in another, a relative path means another file.
+        self._folder: tuple[int, int] | None = None
         #: The end of a pipe that closes when this process ends, however it ends.
         self._lifeline = -1
 
@@ -88,6 +90,7 @@ class Guarded:
     def start(self) -> subprocess.Popen[bytes]:
         """The process, started unless it runs."""
         if self.process is None:
+            self._folder = _current_folder()
             ours, theirs = socket.socketpair()
             life, self._lifeline = os.pipe()
             fds = theirs.fileno(), life
@@ -111,7 +114,7 @@ class Guarded:
 
     def _answer(self, asked: bytes) -> tuple[type[Exception] | None, Any]:
         """The class of the exception, if any, and the answer."""
-        if self._files >= FILES:
+        if self._files >= FILES or self._folder != _current_folder():
             self.close()
         process, why = self.start(), ""
         assert self._link is not None
@@ -165,6 +168,11 @@ def _in_a_copy() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_in_a_copy)
+
+
+def _current_folder() -> tuple[int, int]:
+    status = Path().stat()
+    return status.st_dev, status.st_ino
 
 
 def _environment() -> dict[str, str]:

@@ -269,6 +269,7 @@ def reduced_trials(
             if name != "codes"
         }
         if not campaign.cuts_records:
+            judge.mark_constant_tares(columns, codes)
             del columns["u_zero_N"]
         notes += more
         if cell.tare == "none":

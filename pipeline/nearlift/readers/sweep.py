@@ -40,5 +40,5 @@ def is_sweep(force: FloatArray) -> bool:
 
 def levels_of(values: FloatArray) -> FloatArray:
     """Medians of short stretches, which single impossible readings do not move."""
-    parts = np.array_split(values, min(STRETCHES, len(values))) if len(values) else []
+    parts = np.array_split(values, max(1, min(STRETCHES, len(values) // 3))) if len(values) else []
     return np.array([float(np.median(p)) for p in parts])

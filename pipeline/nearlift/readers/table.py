@@ -64,8 +64,8 @@ class Layout:
         One character, `BLANKS` or `NONE`.
     decimal, thousands : str
         The decimal sign, ``.`` or ``,``; the sign between thousands, if any.
-    trailing : bool
-        Every line ends with a separator, so that a blank cell follows the last.
+    trailing : int
+        Number of separators, and so of blank cells, at the end of every line.
     names, units : tuple of str
         The columns.
     first : int
@@ -77,7 +77,7 @@ class Layout:
     separator: str = ","
     decimal: str = "."
     thousands: str = ""
-    trailing: bool = False
+    trailing: int = 0
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     first: int = 1
@@ -137,8 +137,8 @@ class Layout:
             row = self.split(line)
         except csv.Error as fault:
             raise InputRefused(at, f"is not a row of cells: {fault}", CORRECT_LINE) from None
-        if self.trailing and len(row) == len(self.names) + 1 and not row[-1]:
-            row = row[:-1]
+        if len(row) == len(self.names) + self.trailing and not any(row[len(self.names) :]):
+            row = row[: len(self.names)]
         if row == list(self.names):
             what = "repeats the header: two records are in one file"
             raise InputRefused(at, what, "give each trial a file of its own")
@@ -224,10 +224,10 @@ def parse(
     names = [f"c{i}" for i in range(len(layout.names))]
     kinds = dict.fromkeys([names[i] for i in numbers], pa.float64())
     kinds |= dict.fromkeys([names[i] for i in texts], pa.string())
-    if layout.trailing:
-        # the blank cell behind the last separator must be blank in every row
-        names.append("blank")
-        kinds["blank"] = pa.null()
+    # the cells behind the last name must be blank in every row
+    blank = [f"blank{i}" for i in range(layout.trailing)]
+    names += blank
+    kinds |= dict.fromkeys(blank, pa.null())
     try:
         table = pc.read_csv(
             pa.BufferReader(body),

@@ -56,7 +56,10 @@ HEAD = 1 << 15
 _earlier: dict[tuple[Dialect, str, bytes], Layout] = {}
 MOST_KEPT = 8
 #: Names of columns that hold times.
-CALLED_TIME = ("time", "timestamp", "time of day", "datetime", "clock", "zeit", "uhrzeit")
+CALLED_TIME = (
+    *("time", "timestamp", "time of day", "datetime", "date", "clock", "stamp", "t"),
+    *("zeit", "uhrzeit", "datum", "heure", "temps", "hora", "tiempo", "時刻", "時間"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,8 +89,12 @@ def plain(content: bytes, where: str, said: Dialect) -> Plain:
         try:
             content = decoder.decode(content).encode()
         except UnicodeError as fault:
+            what = f"is not {encoding} text: {fault}"
             remedy = "it is damaged, or `encoding` under [records] dialect is wrong"
-            raise InputRefused(where, f"is not {encoding} text: {fault}", remedy) from None
+            if not said.encoding:
+                what = "is text, but not in UTF-8, UTF-16, Windows-1252 or Latin-1"
+                remedy = 'state it under [records], such as dialect = { encoding = "shift_jis" }'
+            raise InputRefused(where, what, remedy) from None
         # a part of a character of UTF-16 is left over
         half = bool(decoder.getstate()[0])
     content = content.removeprefix(codecs.BOM_UTF8)

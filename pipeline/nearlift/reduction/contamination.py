@@ -33,6 +33,9 @@ LONGEST_RUN, LARGEST_SHARE = 5, 0.05
 #: Robust standard deviations from the median from which on a reading is impossible, such as a
 #: converter's error code, where such readings come one by one and are no larger a share of all.
 IMPOSSIBLE, IMPOSSIBLE_SHARE = 20.0, 0.2
+#: Samples of a start that the running median of `reduction.start` does not show, and standard
+#: errors of the mean by which one of them must move it to be left out.
+UNSEEN, MATTERS = 2, 3.0
 #: Noise, in steps of the converter, that half of the samples on one code may hide; of a block's
 #: mean the less by the root of its samples.
 HIDDEN = 0.74
@@ -94,7 +97,7 @@ def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> 
 
     `other` is the mean of the part of the record that borders on this one. It borders at this
     part's `first` sample, or else at its last. Samples there between the two levels are rotors that
-    start.
+    start, unless they are so few that a running median does not show them.
     """
     few = values[:: max(1, len(values) // FIRST_LOOK)]
     level = median(few)
@@ -108,7 +111,10 @@ def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> 
     mask: BoolArray = away > limit * (1 + (FEW / len(values)) ** 2)
     border = mask if first else mask[::-1]
     starting = np.abs(values - (level + other) / 2) <= 0.6 * abs(level - other)
-    border[: int(np.argmin(border & (starting if first else starting[::-1])))] = False
+    run = int(np.argmin(border & (starting if first else starting[::-1])))
+    # by what two samples move the mean of a long record is below its standard error
+    matters = first and away[0] > MATTERS * limit / IMPOSSIBLE * math.sqrt(len(values))
+    border[: 0 if matters and run <= UNSEEN else run] = False
     return mask if mask.any() and are_single(mask, IMPOSSIBLE_SHARE) else None
 
 

@@ -39,6 +39,8 @@ FEWEST_TO_REPEAT = 5
 WORST_CELL = 0.05
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
+#: Share of u(lift) that the tares of most records have, where a constant one is a fault.
+TARE_SCATTERS = 0.1
 #: The columns of a cell.
 CELL = ["boundary", "z_hat", "throttle"]
 
@@ -66,6 +68,17 @@ def record_codes(
         codes[i].append("DUPLICATE")
     pairs = twice[["owner", "first"]].drop_duplicates().itertuples(index=False)
     return [f"the record of {owner} is that of {first}, byte for byte" for owner, first in pairs]
+
+
+def mark_constant_tares(columns: Table, codes: Sequence[list[str]]) -> None:
+    """Add `STUCK` to records whose tare is one value, where the tares of most scatter by as much as
+    matters to the lift. A tare that all records have so is a quiet scale.
+    """
+    here = columns["n"] > 0
+    u_zero, u_lift = columns["u_zero_N"][here], columns["u_lift_N"][here]
+    if len(u_zero) and np.median(u_zero) > TARE_SCATTERS * np.median(u_lift):
+        for i in np.flatnonzero(here)[u_zero == 0]:
+            codes[i].append("STUCK")
 
 
 def check_lengths(columns: Table, codes: Sequence[list[str]], campaign: Campaign) -> None:
