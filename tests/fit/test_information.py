@@ -8,14 +8,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.unit.simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao, part
+from tests.unit.simulated import GEOMETRY, RADIUS, campaign, part
 
 from nearlift import catalogue
 from nearlift.fit import information
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.fit.solver import minimise, system
-from nearlift.likelihood import budget
 from nearlift.results import Noise
 
 MODEL = catalogue.model("sanchez_cuevas_free_exponent")
@@ -84,27 +83,6 @@ def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
             u(PARTS, dataclasses.replace(SCATTER, **{size: () if size == "drift" else 0.0})),
             rel=1e-8,
         ), name
-
-
-def test_a_small_part_of_the_variance_may_hold_most_of_the_uncertainty():
-    """A datum at a ceiling adds little to alpha, since the fit leans on the far trials; with it
-    known, the near ones serve.
-    """
-    datum = part("height", 5e-4, "boundary")
-    model = catalogue.model("hsiao_chirarattananon")
-    data = campaign(
-        3,
-        visits=6,
-        boundary="ceiling",
-        ratio=hsiao,
-        stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
-    )
-    found = fit(model, data, (datum,), SCATTER, offset_m=0.0)
-    [line] = [a for a in information.uncertainty_budget(found) if a.component == datum.name]
-    u = found.estimates["alpha"].u
-    adds = 1 - np.sqrt(1 - line.covariance[0, 0] / u**2)
-    saves = 1 - u_without(found)[datum.name][0] / u
-    assert saves > 3 * adds
 
 
 def errors(name, rng, data, model, theta, draws):
@@ -255,66 +233,6 @@ def test_numbers_without_scatter_get_the_least_scatter_assumed():
     (line,) = information.uncertainty_budget(found)
     assert line.component == "least scatter assumed"
     assert line.covariance == pytest.approx(found.covariance, rel=1e-6)
-
-
-def test_the_split_about_a_height_error_adds_up_too():
-    stations = (0.1, 0.15, 0.2, 0.3, 0.5, 0.9, 2.0, 10.0)
-    data = campaign(3, boundary="ceiling", ratio=hsiao, stations=stations, visits=6, datum=5e-4)
-    found = fit(
-        catalogue.model("hsiao_chirarattananon"),
-        data,
-        (part("height", 5e-4, "boundary"), part("gain", 0.003, "session")),
-        SCATTER,
-    )
-    assert found.problem.offset_m > 0
-    lines = information.uncertainty_budget(found)
-    assert "height by boundary" in {line.component for line in lines}
-    total = sum(np.diag(line.covariance) for line in lines)
-    assert total == pytest.approx(np.diag(found.covariance), rel=2e-9)
-
-
-def test_a_low_rank_budget_is_its_dense_covariance_and_its_sampled_unknowns():
-    """The likelihood of one theta against another, shared unknowns integrated: in closed form, by a
-    dense matrix, and by 400000 draws of them.
-    """
-    data = campaign(2, visits=1, stations=STATIONS[::3])
-    parts = (part("height", 3e-4, "boundary"), part("gain", 0.006, "session"))
-    scatter = Noise(relative=0.01)
-    model = catalogue.model("sanchez_cuevas")
-    found = fit(model, data, parts, scatter, offset_m=0.0)
-    problem, slope = found.problem, found.slope
-    indicator = np.eye(4)[data.level]
-    thetas = np.array([[found.theta[0]], [found.theta[0] + found.estimates["K_b"].u]])
-    fast = -0.5 * (problem.chi2(thetas[1:]) - problem.chi2(thetas[:1]))[0]
-
-    shared = budget.shared(data, parts, slope)
-    dense = np.diag(problem.covariance.variance) + shared @ shared.T
-
-    def profiled(covariance, y):
-        inverse = np.linalg.inv(covariance)
-        level = np.linalg.solve(indicator.T @ inverse @ indicator, indicator.T @ inverse @ y.T)
-        r = y - (indicator @ level).T
-        return np.einsum("...i,ij,...j->...", r, inverse, r)
-
-    y = np.log(data.lift_N) - problem.log_ratio(thetas)
-    assert fast == pytest.approx(-0.5 * np.diff(profiled(dense, y))[0], abs=1e-6)
-
-    draws = np.random.default_rng(4).standard_normal((400_000, shared.shape[1]))
-    white = 1 / np.sqrt(problem.covariance.variance)
-    q, _ = np.linalg.qr(indicator * white[:, None])
-
-    def sampled(one):
-        free = lambda x: x * white - ((x * white) @ q) @ q.T  # noqa: E731
-        base, columns = free(one), free(shared.T)
-        chi2 = (
-            base @ base
-            - 2 * draws @ (columns @ base)
-            + np.einsum("di,ij,dj->d", draws, columns @ columns.T, draws)
-        )
-        return np.log(np.mean(np.exp(-0.5 * (chi2 - base @ base)))) - 0.5 * base @ base
-
-    # Monte Carlo error of each mean is below 0.5 %
-    assert sampled(y[1]) - sampled(y[0]) == pytest.approx(fast, abs=0.03)
 
 
 def test_a_coefficient_beside_a_free_exponent_is_that_of_a_fit_of_both():

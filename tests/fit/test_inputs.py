@@ -17,6 +17,7 @@ from nearlift.campaign import manifest
 from nearlift.errors import ManifestError
 from nearlift.fit import information, inputs
 from nearlift.fit.least_squares import fit
+from nearlift.fit.summary import summary
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
 from nearlift.report import sources, words
@@ -107,23 +108,6 @@ def test_an_input_widens_u_by_what_it_moves():
     assert line.covariance[0, 0] > 0
 
 
-@pytest.mark.nightly
-def test_intervals_cover_when_the_radius_is_wrong_and_declared():
-    """100 campaigns whose radius is off by 1 %, drawn: 90 % cover with the declaration, few
-    without.
-    """
-    rng = np.random.default_rng(11)
-    inside = {"declared": 0, "not declared": 0}
-    for seed in range(100):
-        data = with_radius(campaign(seed, visits=4), 1 + 0.01 * rng.standard_normal())
-        for name, parts in (("declared", (part("rotor_radius", 0.01),)), ("not declared", ())):
-            estimate = fitted(data, parts).estimates["K_b"]
-            inside[name] += estimate.lo90 < 2.0 < estimate.hi90
-    # a binomial of 100 at 0.9 lies within 80 and 98 in all but one of a thousand
-    assert 80 <= inside["declared"] <= 98
-    assert inside["not declared"] < 70
-
-
 def test_density_of_the_campaign_is_absorbed_and_of_a_session_is_not():
     data = campaign(3, visits=8)
     for scope, grows in (("campaign", False), ("session", True)):
@@ -131,19 +115,12 @@ def test_density_of_the_campaign_is_absorbed_and_of_a_session_is_not():
         assert (wide.estimates["K_b"].u > known.estimates["K_b"].u * 1.0001) == grows
 
 
-def test_mass_does_nothing_to_tethered_lift():
-    data = campaign(3, visits=4)
-    # by their text: NaN differs from itself
-    one, other = fitted(data, (part("mass", 0.1),)), fitted(data)
-    assert repr(one.estimates["K_b"]) == repr(other.estimates["K_b"])
-
-
 def test_what_nobody_declared_is_listed_with_what_it_would_do():
     data = campaign(3, visits=8)
-    listed = {u.on: u for u in inputs.undeclared(fitted(data))}
+    listed = {u.on: u for u in summary(fitted(data), ()).undeclared}
     assert set(listed) == {"rotor_radius", "rotor_spacing", "height"}
     one = fitted(data, (part("rotor_radius"),))
-    assert {u.on for u in inputs.undeclared(one)} == {"rotor_spacing", "height"}
+    assert {u.on for u in summary(one, ()).undeclared} == {"rotor_spacing", "height"}
     radius, spacing, height = (
         abs(listed[on].shift["K_b"]) for on in ("rotor_radius", "rotor_spacing", "height")
     )

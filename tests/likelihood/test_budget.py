@@ -137,23 +137,6 @@ def test_trials_of_one_element_share_one_unknown_and_others_none(on, scope):
     )
 
 
-def test_components_stand_side_by_side():
-    data = campaign(3, visits=2)
-    slope = height_slope(MODEL, data, {"K_b": 2.0})
-    parts = (part(), part("gain", 0.01, "session"), part("gain", 0.01, "trial"))
-    assert budget.shared(data, parts, slope).shape == (data.n, 1 + 5)
-    assert budget.shared(data, (), slope).shape == (data.n, 0)
-
-
-def test_free_air_knows_no_height():
-    data = campaign(3, visits=2)
-    far = data.z_hat == data.z_hat.max()
-    data = dataclasses.replace(data, z_hat=np.where(far, np.inf, data.z_hat))
-    column = budget.shared(data, (part(),), height_slope(MODEL, data, {"K_b": 2.0}))[:, 0]
-    assert (column[far] == 0).all()
-    assert (column[~far] != 0).all()
-
-
 def test_a_cells_line_bends_by_its_accuracy_at_full_range_and_not_at_zero():
     bend = part("linearity", 0.008, "campaign", range_N=9.8)
     lift = np.array([1e-9, 4.9, 9.8])

@@ -93,13 +93,6 @@ def test_what_follows_from_the_levels_agrees_too() -> None:
     )
 
 
-def test_a_power_law_of_two_throttles_is_two_levels() -> None:
-    data = campaign(3)
-    data = data.take(np.isin(data.throttle, (0.25, 0.75)))
-    free, curve = (fit(BASE, d, scatter=KNOWN) for d in (data, with_curve(data, ["throttle"], 1)))
-    np.testing.assert_allclose(curve.theta, free.theta, rtol=1e-7)
-
-
 @pytest.mark.nightly
 def test_the_loop_says_the_same_of_both() -> None:
     def gain(known: dict[str, np.ndarray]) -> np.ndarray:

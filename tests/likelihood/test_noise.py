@@ -7,7 +7,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import pydantic
 import pytest
 from tests.unit.simulated import STATIONS, THROTTLES, campaign
 
@@ -264,16 +263,6 @@ def test_structure_is_not_noise():
     assert estimate(bent).relative == pytest.approx(estimate(data).relative, rel=0.05)
 
 
-def test_levels_of_lift_say_nothing_of_its_noise():
-    """L_inf is free at every throttle, so that what is added there changes no size."""
-    data = quiet(campaign(4, visits=1))
-    added = np.array([0.3, -2.0, 1.0, 0.0])[data.level]
-    one, other = estimate(data), estimate(data, added=added)
-    assert [getattr(other, name) for name in ("relative", "force_N", "height_m", "common")] == (
-        pytest.approx([one.relative, one.force_N, one.height_m, one.common], rel=2e-8)
-    )
-
-
 def test_what_the_records_explain_is_not_counted_twice():
     data = campaign(4, visits=15, relative=0.0, force=5e-4, height=0.0)
     left, blind = estimate(quiet(data, 5e-4)), estimate(quiet(data))
@@ -386,16 +375,6 @@ def test_without_revisits_the_scatter_is_about_the_model_and_says_so():
     assert estimate(campaign(4, visits=8)).source.startswith(f"{noise.REPEATS} about cell means")
 
 
-def test_a_block_of_a_product_is_the_noise():
-    noise_of_trials = estimate(campaign(4, visits=4))
-    adapter = pydantic.TypeAdapter(Noise)
-    block = adapter.dump_python(noise_of_trials, by_alias=True)
-    again = adapter.validate_python(block)
-    for size in ("relative", "drift", "dof"):
-        assert getattr(again, size) == getattr(noise_of_trials, size)
-    assert block["drift"] == pytest.approx(np.sqrt(np.sum(np.square(noise_of_trials.drift))))
-
-
 def test_exact_numbers_still_have_a_covariance():
     data = quiet(campaign(4, relative=0.0, force=0.0, height=0.0))
     told = estimate(data)
@@ -422,35 +401,6 @@ def test_the_covariance_is_the_sum_of_its_named_parts():
     expected += 0.002**2 * np.exp(-np.abs(i - j) / 1.5) + 0.003**2 * np.exp(-np.abs(i - j) / 24)
     expected += 1e-6 * np.outer(slope, slope) + 0.002**2
     assert dense == pytest.approx(expected, rel=1e-12, abs=1e-18)
-
-
-def test_cells_are_pairs_of_distance_and_throttle():
-    data = campaign(4, visits=3)
-    label = noise.cells(data)
-    pairs = {
-        (z, t): label[(data.z_hat == z) & (data.throttle == t)]
-        for z in data.z_hat
-        for t in THROTTLES
-    }
-    assert all(len(set(members.tolist())) == 1 and len(members) == 3 for members in pairs.values())
-    assert len(set(label.tolist())) == len(pairs)
-
-
-def test_drift_lasts_from_session_to_session() -> None:
-    """A new session does not end the drift of the one before."""
-    stand = quiet(campaign(1, visits=4))
-    one = np.zeros(stand.n, dtype=np.int64)
-    stand = dataclasses.replace(stand, covariates={}, session=one)
-    half = np.arange(stand.n) >= stand.n // 2
-    scatter = Noise(relative=0.004, drift=(2e-3, 3e-3, 1e-3))
-    flat = np.zeros(stand.n)
-    parted = dataclasses.replace(stand, session=half.astype(np.int64))
-    tied = noise.trial_covariance(stand, scatter, flat).dense()
-    apart = np.abs(np.arange(stand.n)[:, None] - np.arange(stand.n))
-    sizes = zip(scatter.drift, variance_components.DRIFT_LENGTHS, strict=False)
-    drifts = sum(size**2 * np.exp(-apart / length) for size, length in sizes)
-    np.testing.assert_allclose(tied, np.diag(np.full(stand.n, 0.004**2)) + drifts, rtol=1e-12)
-    np.testing.assert_array_equal(noise.trial_covariance(parted, scatter, flat).dense(), tied)
 
 
 @pytest.mark.parametrize("n", [1, 2, 30])

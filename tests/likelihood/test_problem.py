@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.simulated import L_INF, RADIUS, THROTTLES, campaign, sanchez_cuevas
+from tests.unit.simulated import RADIUS, campaign, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import InputRefused
 from nearlift.fit.least_squares import assemble
 from nearlift.likelihood import budget
-from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.problem import Likelihood, need, usable
 from nearlift.results import Noise, Observations
 
@@ -79,29 +78,6 @@ def test_log_likelihood_is_the_normal_density_of_the_lifts():
     log_det = np.linalg.slogdet(p.covariance.dense())[1]
     expected = -0.5 * (chi2 + log_det + p.data.n * np.log(2 * np.pi)) - np.log(p.data.lift_N).sum()
     assert p.log_likelihood(theta) == pytest.approx(expected, rel=1e-10)
-
-
-@settings(max_examples=15)
-@given(scale=st.floats(1e-3, 1e3))
-def test_a_gain_common_to_all_lifts_leaves_chi2_and_scales_L_inf(scale):
-    data = campaign(3, visits=3, force=0.0)
-    theta = np.array([1.7])
-    # no part of the covariance here is in newtons
-    scatter = dataclasses.replace(SCATTER, force_N=0.0)
-    one = assemble(
-        MODEL, dataclasses.replace(data, u_lift_N=0 * data.lift_N), BUDGET[:1], scatter, theta
-    )
-    other = assemble(
-        MODEL,
-        dataclasses.replace(data, u_lift_N=0 * data.lift_N, lift_N=scale * data.lift_N),
-        BUDGET[:1],
-        scatter,
-        theta,
-    )
-    assert other.chi2(theta) == pytest.approx(one.chi2(theta), rel=1e-8)
-    assert other.log_levels(theta)[0] - one.log_levels(theta)[0] == pytest.approx(
-        np.full(4, np.log(scale)), abs=1e-9
-    )
 
 
 @settings(max_examples=15)
@@ -188,30 +164,6 @@ def test_level_sensitivity_is_how_L_inf_moves_with_a_parameter():
     assert p.d_shown_levels_d_theta(p.jacobian(theta)) == pytest.approx(np.array(moved).T, rel=1e-5)
 
 
-def test_free_air_trials_tell_L_inf():
-    """With stations near the ground only, L_inf leans on the model; trials in free air take that
-    away.
-    """
-    near = campaign(5, stations=(1.14, 1.3, 1.5, 1.8), visits=4, height=0.0)
-    data = with_free_air(
-        campaign(5, stations=(1.14, 1.3, 1.5, 1.8, 1e4), visits=4, height=0.0), 1e4
-    )
-    theta = np.array([2.0])
-    spread = {}
-    for name, trials in (("near", near), ("free air", data)):
-        p = assemble(MODEL, trials, (), Noise(relative=0.004), theta)
-        j = p.jacobian(theta)
-        u = 1 / np.linalg.norm(p.project(j.T))
-        level, given_theta = p.log_levels(theta)
-        spread[name] = np.sqrt(np.diag(given_theta) + (p.d_shown_levels_d_theta(j)[:, 0] * u) ** 2)
-    assert (spread["free air"] < 0.5 * spread["near"]).all()
-    far = np.isinf(data.z_hat)
-    for i, throttle in enumerate(THROTTLES):
-        mean = np.log(data.lift_N[far & (data.throttle == throttle)]).mean()
-        assert abs(level[i] - mean) < 0.004
-        assert abs(mean - np.log(L_INF[throttle])) < 0.01
-
-
 def test_where_a_model_has_no_value_chi2_is_infinite():
     model = catalogue.model("cheeseman_bennett")
     data = campaign(3, stations=(0.4, 1.0, 3.0), ratio=lambda z: 1 / (1 - 0.05 / z**2))
@@ -266,19 +218,3 @@ def test_usable_leaves_out_the_pole_itself_keeps_the_upper_end_and_free_air():
     )
     keep = usable(bounded(0.5, 2.0), data)
     assert set(data.z_hat[keep]) == {0.6, 2.0, np.inf}
-
-
-def test_covariance_enters_only_through_its_whitening():
-    """A covariance four times as large leaves the best L_inf and divides chi2 by four."""
-    p, theta = problem(), np.array([1.5])
-    c = p.covariance
-    wide = Covariance(
-        variance=4 * c.variance,
-        visit=c.visit,
-        per_visit=2 * c.per_visit,
-        shared=2 * c.shared,
-        common=2 * c.common,
-    )
-    other = Likelihood(model=p.model, data=p.data, covariance=wide)
-    assert other.chi2(theta) == pytest.approx(p.chi2(theta) / 4)
-    assert other.log_levels(theta)[0] == pytest.approx(p.log_levels(theta)[0])

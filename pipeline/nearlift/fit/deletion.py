@@ -38,10 +38,6 @@ class DeletionDiagnostics:
 
     Attributes
     ----------
-    names : tuple of str
-        The p coefficients.
-    trial : (n,) object array of str
-        Ids, as in the observations.
     of_trial : (n, p)
         Change of each coefficient, in its unit.
     residual : (n,)
@@ -60,8 +56,6 @@ class DeletionDiagnostics:
         Sum of squared errors of the predicted log lifts.
     """
 
-    names: tuple[str, ...]
-    trial: NDArray[Any]
     of_trial: FloatArray
     residual: FloatArray
     visit: IntArray
@@ -110,7 +104,9 @@ def influence_on(
     gains = np.zeros((data.n, p))
     gains[:, list(free)] = weighed @ inverse[:, size - len(free) :] / length
     of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
-    by_visit: list[tuple[Any, ...]] = []
+    visit, label = np.unique(data.visit, return_inverse=True)
+    of_visit = np.full((len(visit), p), np.nan)
+    chi2, log_density, squares = np.full((3, len(visit)), np.nan)
     # P_BB, (P y)_B and G_B of all visits B of one size at once
     for index, precision in covariance.precision_blocks():
         whole = np.linalg.eigvalsh(precision).max(axis=1)
@@ -124,35 +120,23 @@ def influence_on(
         value = np.where((value.min(axis=1) > DETERMINED * whole)[:, None], value, np.nan)
         turned = np.einsum("mij,mi->mj", vector, error)
         predicted = np.einsum("mij,mj->mi", vector, turned / value)
-        chi2 = (turned**2 / value).sum(axis=1)
         constant = np.log(value).sum(axis=1) - index.shape[1] * np.log(2 * np.pi)
-        by_visit.append(
-            (
-                data.visit[index[:, 0]],
-                -np.einsum("mpi,mi->mp", gain, predicted),
-                np.full(len(index), index.shape[1], dtype=np.int64),
-                chi2,
-                0.5 * (constant - chi2),
-                (predicted**2).sum(axis=1),
-            )
-        )
-    visit, of_visit, count, chi2, log_density, squares = (
-        np.concatenate(each) for each in zip(*by_visit, strict=True)
-    )
-    order = np.argsort(visit, kind="stable")
+        v = label[index[:, 0]]
+        of_visit[v] = -np.einsum("mpi,mi->mp", gain, predicted)
+        chi2[v] = (turned**2 / value).sum(axis=1)
+        log_density[v] = 0.5 * (constant - chi2[v])
+        squares[v] = (predicted**2).sum(axis=1)
     fixed = [i for i in range(p) if i not in free]
     of_trial[:, fixed] = of_visit[:, fixed] = np.nan
     return DeletionDiagnostics(
-        names=problem.names,
-        trial=data.trial,
         of_trial=of_trial,
         residual=residual,
-        visit=visit[order],
-        of_visit=of_visit[order],
-        count=count[order],
-        chi2=chi2[order],
-        log_density=log_density[order],
-        squares=squares[order],
+        visit=visit,
+        of_visit=of_visit,
+        count=np.bincount(label),
+        chi2=chi2,
+        log_density=log_density,
+        squares=squares,
     )
 
 

@@ -188,10 +188,10 @@ class Estimator:
         moved = deletion.influence_on(self.problem, self.theta, free)
         return {
             name: LargestShifts(
-                trial=largest(moved.trial, moved.of_trial[:, i], data.trial, self.z_hat),
+                trial=largest(data.trial, moved.of_trial[:, i], data.trial, self.z_hat),
                 visit=largest(moved.visit, moved.of_visit[:, i], data.visit, self.z_hat),
             )
-            for i, name in enumerate(moved.names)
+            for i, name in enumerate(self.problem.names)
         }
 
     def doubts(self, *, exponents: bool = True) -> list[list[Doubt]]:
@@ -202,7 +202,7 @@ class Estimator:
         if exponents and np.isfinite(self.u[0]):
             listed[0] += [self.doubt(0, *answer) for answer in self._exponents()]
         gain = information.gain(self.problem, self.theta)
-        for missing in inputs.undeclared_in(self.problem, self.theta, gain, self.parts, self.slope):
+        for missing in inputs.undeclared(self.problem, self.theta, gain, self.parts, self.slope):
             for i, shift in enumerate(missing.shift.values()):
                 if np.isfinite(self.u[i]) and abs(shift) > WORTH_TELLING * self.u[i]:
                     name, scale, unit = INPUTS[missing.on]

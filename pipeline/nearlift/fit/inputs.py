@@ -18,20 +18,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift import derivative
 from nearlift.declare import FloatArray, LiftModel
-from nearlift.fit import information
+from nearlift.fit.information import UNITS
 from nearlift.likelihood.budget import INPUTS, Component
 from nearlift.likelihood.problem import Likelihood, needed
 from nearlift.results import Observations
 from nearlift.results.fit import UndeclaredInput
-
-if TYPE_CHECKING:
-    from nearlift.fit.least_squares import LeastSquaresFit
 
 #: Relative uncertainty of a calliper on a small rotor, and uncertainty in m of a datum set by eye.
 PLAUSIBLE = {"rotor_radius": 0.01, "rotor_spacing": 0.01, "height": 5e-4}
@@ -92,13 +88,7 @@ def _scaled(data: Observations, part: Component, factor: float) -> Observations:
     return replace(data, z_hat=data.z_hat / factor, radius_m=data.radius_m * factor, geometry=hats)
 
 
-def undeclared(fit: LeastSquaresFit) -> tuple[UndeclaredInput, ...]:
-    """`undeclared_in` of a fit."""
-    gain = information.gain(fit.problem, fit.theta)
-    return undeclared_in(fit.problem, fit.theta, gain, fit.parts, fit.slope)
-
-
-def undeclared_in(
+def undeclared(
     problem: Likelihood,
     theta: FloatArray,
     gain: FloatArray,
@@ -133,7 +123,7 @@ def undeclared_in(
             UndeclaredInput(
                 on=on,
                 size=size,
-                unit=information.UNITS[on][0],
+                unit=UNITS[on][0],
                 shift=dict(zip(problem.names, shift.tolist(), strict=True)),
             )
         )

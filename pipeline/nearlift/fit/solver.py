@@ -153,7 +153,7 @@ def _first(problem: Likelihood, start: FloatArray | None) -> FloatArray:
     Raises
     ------
     NotConverged
-        There are none; the remedy depends on which trials are to blame.
+        There are none.
     """
     low, high = problem.model.bounds
     usual: FloatArray = np.array([p.value for p in problem.model.parameters], dtype=np.float64)
@@ -170,19 +170,13 @@ def _first(problem: Likelihood, start: FloatArray | None) -> FloatArray:
         f"{n} = {v:g}"
         for n, v in zip(problem.names, usual if start is None else start, strict=True)
     )
-    bad, z_hat = ~np.isfinite(problem.log_ratio(usual)), problem.data.z_hat
-    if bad.all() or z_hat[bad].max() > z_hat[~bad].min():
-        remedy = "choose another model: the trials to blame are not those nearest to the boundary"
-    else:
-        remedy = (
-            f"leave out the {bad.sum()} trials nearest to the boundary (z_hat up to"
-            f" {z_hat[bad].max():.3g}), or choose another model"
-        )
+    bad = problem.data.z_hat[~np.isfinite(problem.log_ratio(usual))]
     raise NotConverged(
         f"fit of {problem.model.name}",
         f"the model has no value at its start, {at}, for some of the {problem.data.n} trials, nor"
         " elsewhere",
-        remedy,
+        f"choose another model, or leave out the {len(bad)} trials without a value (z_hat from"
+        f" {bad.min(initial=np.inf):.3g} to {bad.max(initial=0.0):.3g})",
     )
 
 

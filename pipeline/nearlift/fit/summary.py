@@ -54,7 +54,13 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
         excluded=fit.excluded,
         profiles={p.parameter: p.ends for p in profiles},
         would_halve=information.halvings(fit),
-        undeclared=inputs.undeclared(fit),
+        undeclared=inputs.undeclared(
+            fit.problem,
+            fit.theta,
+            information.gain(fit.problem, fit.theta),
+            fit.parts,
+            fit.slope,
+        ),
         height_error=_height_error(fit),
     )
 
