@@ -72,7 +72,8 @@ def collect(
         if out:
             with out.open("a", encoding="utf-8") as file:
                 file.writelines(json.dumps(row, default=np.generic.item) + "\n" for row in made)
-            print(f"{i} of {len(todo)}", file=sys.stderr, end="\r")
+            if i % 20 == 0 or i == len(todo):
+                print(f"{i} of {len(todo)}", file=sys.stderr)
     return rows
 
 

@@ -23,27 +23,11 @@ def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=
         for level, k in ((68, 1.0), (90, 1.645), (95, 1.96))
         for end, sign in (("lo", -1), ("hi", 1))
     }
-    lines = []
+    line = {"source": SHARED, "type": "B", "u_without": u, "scope": "campaign"}
     if linearity is not None:
-        lines = [
-            {
-                "source": SHARED,
-                "type": "B",
-                "u": abs(linearity),
-                "u_without": u,
-                "scope": "campaign",
-                "sensitivity": linearity,
-            }
-        ]
-    own = {
-        "value": value,
-        "u": u,
-        "dof": 40.0,
-        "unit": "1",
-        **ends,
-        "holds": "Allows for everything.",
-        "budget": lines,
-    }
+        line |= {"u": abs(linearity), "sensitivity": linearity}
+    own = {"value": value, "u": u, "dof": 40.0, "unit": "1", **ends}
+    own |= {"holds": "Allows for everything.", "budget": [line] if "u" in line else []}
     found = {"verdict": verdict, "base_model": "sanchez_cuevas", "coefficients": {"K_b": own}}
     folder = out / "processed" / name
     folder.mkdir(parents=True)
@@ -113,11 +97,7 @@ def test_what_is_pooled_is_what_is_quoted(tmp_path):
     (group,) = compare(tmp_path)[0]["groups"]
     assert [own["quoted"]["value"] for own in group["campaigns"]] == [1.8, 2.0, 2.3]
     assert [own["quoted"]["u"] for own in group["campaigns"]] == pytest.approx([0.05, 0.1, 0.15])
-    assert [own["verdict"] for own in group["campaigns"]] == [
-        "effect",
-        "unexplained",
-        "unexplained",
-    ]
+    assert [own["verdict"] for own in group["campaigns"]] == ["effect", *2 * ["unexplained"]]
 
 
 def test_campaigns_that_are_one_and_the_same_are_said(tmp_path):
@@ -180,18 +160,14 @@ def test_the_same_campaigns_give_the_same_bytes(four):
     [
         (("c9",), "is not fitted (1 of 1 campaigns)"),
         (("--shared", "the moon"), f"there are: '{SHARED}'"),
+        (("--out", "{empty}"), "holds no fitted campaign"),
     ],
 )
-def test_what_is_not_there_is_refused(four, words, why):
+def test_what_is_not_there_is_refused(four, tmp_path_factory, words, why):
+    words = [word.format(empty=tmp_path_factory.mktemp("empty")) for word in words]
     told = small_run.nearlift("compare", "--out", four, *words)
     assert told.exit_code == 2
     assert why in told.output
-
-
-def test_an_empty_folder_is_refused(tmp_path):
-    told = small_run.nearlift("compare", "--out", tmp_path)
-    assert told.exit_code == 2
-    assert "holds no fitted campaign" in told.output
 
 
 # ---- its page
