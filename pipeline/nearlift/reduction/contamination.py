@@ -52,23 +52,22 @@ EDGE, FEWEST_TO_STEP = 0.25, 8
 
 def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
     """Whether single samples, and whether a segment, may be outlying: a first and cheap look."""
+
+    def spread(some: FloatArray) -> tuple[float, float, float]:
+        """The upper median, the median absolute and the largest deviation."""
+        middle = len(some) // 2
+        level = float(np.sort(some)[middle])
+        away = np.sort(np.abs(some - level))
+        return level, float(away[middle]), float(away[-1])
+
     n = len(values)
-    few = values[:: max(1, n // FIRST_LOOK)]
-    level, deviation, _ = _spread(few)
+    level, deviation, _ = spread(values[:: max(1, n // FIRST_LOOK)])
     far = max(sums.high - level, level - sums.low) > NEARER * _apart(n) * SD_PER_MAD * deviation
     means = blocks(values)
     if len(means) < FEWEST_BLOCKS:
         return far, False
-    farthest, of_steps = _spread(means)[2], _spread(np.diff(means))[1]
+    farthest, of_steps = spread(means)[2], spread(np.diff(means))[1]
     return far, farthest > UNEVEN * SD_PER_MAD * of_steps / 2**0.5
-
-
-def _spread(values: FloatArray) -> tuple[float, float, float]:
-    """The upper median of a few numbers, their median absolute and their largest deviation."""
-    middle = len(values) // 2
-    level = float(np.sort(values)[middle])
-    away = np.sort(np.abs(values - level))
-    return level, float(away[middle]), float(away[-1])
 
 
 def step_of(values: FloatArray) -> float:

@@ -123,12 +123,17 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
     InputRefused
         No vehicle of this weight has such a lift; see `against_weight`.
     """
+
+    def mark(name: str, rows: Iterable[int]) -> None:
+        for i in rows:
+            table["quality"][i] = quality.joined([*table["quality"][i].split(), name])
+
     notes = against_weight(table, campaign)
     heavy = TOO_HEAVY * campaign.vehicle.mass * campaign.rig.gravity
     with np.errstate(invalid="ignore"):
-        _mark(table, "IMPLAUSIBLE", np.flatnonzero(np.abs(table["lift_N"]) > heavy))
-    _mark(table, "NO_LIFT", without_lift(table))
-    _mark(table, "other_throttle", other_throttle(table))
+        mark("IMPLAUSIBLE", np.flatnonzero(np.abs(table["lift_N"]) > heavy))
+    mark("NO_LIFT", without_lift(table))
+    mark("other_throttle", other_throttle(table))
     notes += campaign_notes(table, campaign)
     for side in dict.fromkeys(table["boundary"].tolist()):
         # trials that repeats and neighbours contradict
@@ -137,7 +142,7 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
         )
         z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
         seen = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
-        _mark(table, "outlying", mine[seen.outlying])
+        mark("outlying", mine[seen.outlying])
         notes += [
             f"{table['trial'][mine[i]]} lifts {100 * np.expm1(seen.departure[i]):+.3g} % against"
             f" its repeats and neighbours, {abs(seen.sigmas[i]):.0f} times their scatter: noise"
@@ -147,7 +152,7 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
     for side, lower, upper, below, above in not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         farthest = table["z_hat"] == table["z_hat"][here].max()
-        _mark(table, "not_rising", np.flatnonzero(here & farthest))
+        mark("not_rising", np.flatnonzero(here & farthest))
         notes.append(
             f"{FAR_FROM[side]} the lift does not rise with throttle: {below:.4g} N at"
             f" {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} % (battery, order of the"
@@ -159,12 +164,6 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
 #: Places without a boundary's effect.
 FAR_FROM = {side: f"far from the {side}" for side in ("ground", "ceiling", "sidewall")}
 FAR_FROM["none"] = "in free air"
-
-
-def _mark(table: Table, name: str, rows: Iterable[int]) -> None:
-    """Add a quality code to the trials of these rows."""
-    for i in rows:
-        table["quality"][i] = quality.joined([*table["quality"][i].split(), name])
 
 
 def _accepted(table: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
