@@ -18,7 +18,7 @@ from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import (
-    LOOK,
+    LEAST_SHIFT,
     TRIES,
     Without,
     contradicting,
@@ -65,7 +65,7 @@ def sagging():
 def test_the_shift_is_that_of_a_new_diagnosis_without_the_trial(data, quoted):
     headline = quoted.coefficients["K_b"]
     most = headline.influence.trial
-    assert abs(most.shift) > LOOK * headline.u
+    assert abs(most.shift) > LEAST_SHIFT * headline.u
     again = diagnose(data.take(data.trial != most.id), GROUND, (), Options()).quoted
     # noise is looked for from another start, until it moves the coefficient by no more than a tenth
     # of u
@@ -120,7 +120,7 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(
 
 def test_where_no_trial_matters_nothing_is_made_again(quoted):
     headline = quoted.coefficients["K_b"]
-    trial = replace(headline.influence.trial, shift=0.5 * LOOK * headline.u)
+    trial = replace(headline.influence.trial, shift=0.5 * LEAST_SHIFT * headline.u)
     small = replace(headline.influence, trial=trial)
     quiet = replace(quoted, coefficients={"K_b": replace(headline, influence=small)})
     assert with_decisive_trial(quiet, pytest.fail) is quiet

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Effect, LiftModel
+from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.likelihood.covariates import missing, unlogged
-from nearlift.results import Observations
+from nearlift.fit import inputs
+from nearlift.likelihood import budget
+from nearlift.likelihood.covariates import derive, missing, unlogged
+from nearlift.likelihood.problem import lift_ratio
+from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.results import Noise, Observations
 from nearlift.results.outlook import UntestableEffect
 
 #: Trials beyond the unknowns (levels and coefficients) whose scatter alone distinguishes
@@ -64,6 +68,36 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
             f"give lift_sd for each, or at least {LEAST_TRIALS + unknowns} trials, to tell a noise"
             " floor from structure",
         )
+
+
+def problem_of_trials(
+    data: Observations,
+    base: LiftModel,
+    parts: tuple[budget.Component, ...],
+    noise: Noise,
+    options: Options,
+    theta: FloatArray,
+    lift_inf_N: FloatArray,
+    effects: tuple[Effect, ...] | None = None,
+) -> tuple[SearchProblem, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
+    """Search problem of trials with their derived covariates, testable effects, and untestable
+    ones; `lift_inf_N` (n,) is L_inf at each trial, the others as in `diagnose.set_up`.
+
+    Effects within a trial leave no mark on trial means and are not part of the problem.
+    """
+    data = derive(data, lift_inf_N, lift_ratio(base, data, base.named(theta)))
+    known, untestable = could_act(data, base, effects)
+    problem = SearchProblem(
+        data=data,
+        base=base,
+        effects=tuple(e for e in known if not e.within_trial),
+        parts=inputs.acting(parts, base, theta),
+        noise=noise,
+        log_lift=np.log(data.lift_N),
+        theta=theta,
+        options=options,
+    )
+    return problem, known, untestable
 
 
 def could_act(

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fit import inputs
 from nearlift.fit.density import Density
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget, noise
-from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import lift_ratio, usable
+from nearlift.likelihood.problem import usable
 from nearlift.likelihood.variance_components import PRIORS
 from nearlift.loop import (
     coefficients,
@@ -31,8 +29,8 @@ from nearlift.loop import (
     stability,
     within_trial,
 )
-from nearlift.loop.admission import admit, could_act, few
-from nearlift.loop.candidate import library_columns, stated_datum
+from nearlift.loop.admission import admit, few, problem_of_trials
+from nearlift.loop.candidate import stated_datum
 from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.families import exceed_levels
 from nearlift.loop.interim import InterimLook
@@ -331,20 +329,13 @@ def set_up(
         )
     admit(where, kept, base)
     first = fit(base, kept, parts, USUAL, offset_m=0.0)
-    kept = derive(
-        kept,
-        kept.lift_inf_N(first.level_coefficients),
-        lift_ratio(base, kept, base.named(first.theta)),
+    lift_inf_N = kept.lift_inf_N(first.level_coefficients)
+    problem, known, untestable = problem_of_trials(
+        kept, base, parts, first.noise, options, first.theta, lift_inf_N, effects
     )
-    known, untestable = could_act(kept, base, effects)
-    # effects within a trial leave no mark on trial means; they have a test of their own
-    between = tuple(e for e in known if not e.within_trial)
-    absorbed = {
-        e.name
-        for e, c in library_columns(base, between, kept, first.theta)
-        if not exceed_levels(c, kept)
-    }
-    between = tuple(e for e in between if e.name not in absorbed)
+    kept = problem.data
+    absorbed = {e.name for e, c in problem.library if not exceed_levels(c, kept)}
+    between = tuple(e for e in problem.effects if e.name not in absorbed)
     datum = stated_datum(parts, base, kept)
     if datum and (first_order or few_visits.applies(kept)):
         # few visits are fitted as if they shared no error: it competes as an effect
@@ -356,17 +347,5 @@ def set_up(
         )
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
-    acting = inputs.acting(parts, base, first.theta)
-    problem = SearchProblem(
-        data=kept,
-        base=base,
-        effects=between,
-        parts=acting,
-        noise=first.noise,
-        log_lift=np.log(kept.lift_N),
-        theta=first.theta,
-        options=options,
-        datum=datum,
-    )
-    problem = prepare(problem)
-    return problem, known, untestable
+    problem = dataclasses.replace(problem, effects=between, datum=datum, options=options)
+    return prepare(problem), known, untestable

@@ -7,12 +7,10 @@ import dataclasses
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray, LiftModel
-from nearlift.fit import inputs
 from nearlift.likelihood import budget
-from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import lift_ratio, usable
-from nearlift.loop.admission import admit, could_act
+from nearlift.loop.admission import admit, problem_of_trials
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.power import DesignPower
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -60,24 +58,13 @@ def planned(
     """
     kept = data.take(usable(base, data))
     admit(f"design of the {data.boundary}", kept, base)
-    levels = kept.level_medians(kept.lift_N)
-    ratio = lift_ratio(base, kept, base.named(theta))
-    kept = derive(kept, levels[kept.level], ratio)
-    known, untestable = could_act(kept, base, effects)
-    between = tuple(e for e in known if not e.within_trial)
-    kept = dataclasses.replace(kept, lift_N=levels[kept.level] * ratio)
-    log_lift = np.log(kept.lift_N)
-    parts = inputs.acting(parts, base, theta)
-    problem = SearchProblem(
-        data=kept,
-        base=base,
-        effects=between,
-        parts=parts,
-        noise=noise,
-        log_lift=log_lift,
-        theta=theta,
-        options=options,
+    lift_inf_N = kept.level_medians(kept.lift_N)[kept.level]
+    problem, known, untestable = problem_of_trials(
+        kept, base, parts, noise, options, theta, lift_inf_N, effects
     )
+    lift_N = lift_inf_N * lift_ratio(base, kept, base.named(theta))
+    data = dataclasses.replace(problem.data, lift_N=lift_N)
+    problem = dataclasses.replace(problem, data=data, log_lift=np.log(lift_N))
     return _rehearsed(problem), known, untestable
 
 

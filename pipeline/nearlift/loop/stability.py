@@ -32,7 +32,7 @@ from nearlift.rounding import plain
 
 #: Closed-form influence below which the most influential trial is not left out, in standard
 #: uncertainties of the headline.
-LOOK = 0.05
+LEAST_SHIFT = 0.05
 #: Share of a margin of log evidence that a trial left out must contribute, the most trials, and the
 #: least margin.
 PART, TRIES, LEAST_MARGIN = 0.5, 3, 1e-3
@@ -198,7 +198,7 @@ def with_decisive_trial(
     if most is None or not np.isfinite(quoted.coefficients[name].u):
         return quoted
     headline = quoted.coefficients[name]
-    foremost = [most] if abs(most.shift) >= LOOK * headline.u else []
+    foremost = [most] if abs(most.shift) >= LEAST_SHIFT * headline.u else []
     tried = [
         (one, again, again.intervals[name][0] - headline.value)
         for one in {one.id: one for one in (*foremost, *others)}.values()

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.errors import NotConverged
-from nearlift.fit import inputs
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
-from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import lift_ratio, usable
-from nearlift.loop.admission import could_act
+from nearlift.likelihood.problem import usable
+from nearlift.loop.admission import problem_of_trials
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.expected_noise import planned
 from nearlift.loop.power import DesignPower
@@ -93,21 +89,14 @@ def of_trials(
             raise
         kept = data.take(usable(base, data))
         first = fit(base, kept, parts)
-        kept = derive(
+        problem, effects, untestable = problem_of_trials(
             kept,
+            base,
+            parts,
+            first.noise,
+            options,
+            first.theta,
             kept.lift_inf_N(first.level_coefficients),
-            lift_ratio(base, kept, base.named(first.theta)),
-        )
-        effects, untestable = could_act(kept, base)
-        problem = SearchProblem(
-            data=kept,
-            base=base,
-            effects=tuple(e for e in effects if not e.within_trial),
-            parts=inputs.acting(parts, base, first.theta),
-            noise=first.noise,
-            log_lift=np.log(kept.lift_N),
-            theta=first.theta,
-            options=options,
         )
         note = f"{lack.what} for a diagnosis; the noise is the {first.noise.source}"
         return Forecast(
