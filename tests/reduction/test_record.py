@@ -10,6 +10,7 @@ import pytest
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination, slow_noise
 from nearlift.reduction.mean_noise import part_of
+from nearlift.reduction.quality import reason
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.reduction.samples import Conditions
 
@@ -364,6 +365,13 @@ def test_a_block_of_the_live_part_that_is_no_lift(first: int, size: int) -> None
     force[first : first + size] = 0.0
     got = reduced(force, tare_s=0.2)
     assert "MIXED" in got.codes or ("spikes" in got.codes and abs(got.lift_N - 0.2) < 1e-3)
+
+
+def test_rotors_that_stop_before_the_record_ends_are_named() -> None:
+    force = record(np.random.default_rng(15), tare=80, live=160, lift=300.0, noise=0.5)
+    force[-32:] -= 300.0
+    assert "MIXED" in reduced(force, rate_Hz=80.0, tare_s=1.0).codes
+    assert "rotors that stop before its end" in reason("MIXED")
 
 
 def test_no_number_overflows() -> None:

@@ -33,7 +33,7 @@ CODES = {
     "DRIFT": "the force drifts within the record by more than the limit",
     "MIXED": (
         "the force steps from one level to another in the middle of the record: two throttles"
-        " in one trial, or samples of it are damaged"
+        " in one trial, rotors that stop before its end, or damaged samples"
     ),
     "HEIGHT": "the traverse did not reach the distance of the schedule",
     "TARE": (
