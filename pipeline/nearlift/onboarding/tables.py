@@ -24,7 +24,7 @@ MOST_BYTES = 4 << 20
 #: Rows in a row at one setting, on average, beyond which a table is a record in steps.
 MOST_REPEATS = 50
 #: A throttle within the name of a column of lifts.
-LEVEL = re.compile(r"(\d+(?:\.\d+)?) ?(?:%|percent|pct|([uµμ]s))")
+LEVEL = re.compile(r"(?<!\d)(\d+(?:\.\d+)?) ?(?:%|percent|pct|([uµμ]s))")
 #: Units by which the only column of its kind is known, whatever it is called.
 BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
 
