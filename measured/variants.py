@@ -227,12 +227,11 @@ def diagnosed(campaign: Campaign, data: Observations) -> Finding:
     """
     base, _ = choice(campaign, data.boundary)
     ground, _, _ = set_up(data, base, budget.components(campaign), Options())
-    decided = decide(ground, True, ground.options.false_alarm_rate)
-    answer, problem = decided.answer, decided.answer.problem
+    answer = decide(ground, True, ground.options.false_alarm_rate)
+    problem = answer.problem
     floor = noise.floor(problem.data, problem.noise, problem.slope)
     before = after = None
-    if decided.scored is not None:
-        error = confirmation.error(answer, decided.scored, floor)
+    if error := confirmation.error(answer, floor):
         before, after = ((e.held_out_rmse, e.lo90, e.hi90) for e in (error.before, error.after))
     name, c = next(iter(coefficients.answers(answer).estimates().after.items()))
     return Finding(
