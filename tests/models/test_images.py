@@ -20,6 +20,8 @@ from nearlift.models.images import (
     SANCHEZ_CUEVAS_AS_PRINTED,
     SANCHEZ_CUEVAS_FREE_EXPONENT,
     corridor_cancelled,
+    edge_cancelled,
+    gain,
     image,
     image_share,
     level_cancelled,
@@ -130,14 +132,14 @@ def test_tilting_a_symmetric_layout_either_way_is_the_same(d, z, tilt):
         float(IMAGES_TILTED(z, layout_hat=layout, tilt_rad=-tilt)), rel=1e-12
     )
     one, other = (
-        IMAGES_TILTED.per_rotor(z, layout_hat=layout, tilt_rad=tilt),
-        IMAGES_TILTED.per_rotor(z, layout_hat=layout, tilt_rad=-tilt),
+        gain(tilted_cancelled(z, layout_hat=layout, tilt_rad=tilt)),
+        gain(tilted_cancelled(z, layout_hat=layout, tilt_rad=-tilt)),
     )
     np.testing.assert_allclose(one, other[[1, 0, 3, 2]], rtol=1e-12)
 
 
 def test_positive_tilt_lifts_the_rotors_at_positive_x():
-    gains = IMAGES_TILTED.per_rotor(1.5, layout_hat=square(2.83), tilt_rad=0.05)
+    gains = gain(tilted_cancelled(1.5, layout_hat=square(2.83), tilt_rad=0.05))
     assert (gains[[0, 3]] < gains[[1, 2]]).all()
 
 
@@ -148,7 +150,7 @@ def test_levelling_moment_counts_the_inflow_along_the_axis(z, larger):
     heights = z + layout[:, 0] * math.sin(tilt)
     apart = np.hypot(*(layout[:, None] - layout).transpose(2, 0, 1))
     normal = 1 / (1 - image(np.add.outer(heights, heights), apart).sum(axis=-1))
-    axial = IMAGES_TILTED.per_rotor(z, layout_hat=layout, tilt_rad=tilt)
+    axial = gain(tilted_cancelled(z, layout_hat=layout, tilt_rad=tilt))
     assert (axial @ layout[:, 0]) / (normal @ layout[:, 0]) == pytest.approx(larger, abs=6e-3)
     assert axial.mean() == pytest.approx(normal.mean(), rel=1e-6)
 
@@ -177,7 +179,7 @@ def test_tilt_broadcasts_with_height():
 
 
 def test_rotor_in_the_boundary_has_no_ratio():
-    gains = IMAGES_TILTED.per_rotor(0.3, layout_hat=((0.0, 0.0), (-8.0, 0.0)), tilt_rad=0.1)
+    gains = gain(tilted_cancelled(0.3, layout_hat=((0.0, 0.0), (-8.0, 0.0)), tilt_rad=0.1))
     assert np.isnan(gains).any()
     assert np.isnan(IMAGES_TILTED(0.3, layout_hat=((0.0, 0.0), (-8.0, 0.0)), tilt_rad=0.1))
 
@@ -220,7 +222,7 @@ def test_a_vehicle_at_an_edge_is_off_by_what_the_model_says(z, off):
 
 def test_two_distant_rotors_over_half_a_plane_gain_half():
     layout = ((-500.0, 0.0), (500.0, 0.0))
-    gains = IMAGES_EDGE.per_rotor(1.0, layout_hat=layout, edge_hat=0.0)
+    gains = gain(edge_cancelled(1.0, layout_hat=layout, edge_hat=0.0))
     np.testing.assert_allclose(gains, [float(CHEESEMAN_BENNETT_THEORY(1.0)), 1.0], rtol=1e-8)
 
 

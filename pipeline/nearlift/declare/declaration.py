@@ -149,7 +149,6 @@ class LiftModel(Declaration):
 
     `evaluate(z_hat, /, *, ...)` is the ratio L / L_inf (1 far away). `downwash`, where a model has
     one, is the induced velocity at the disk over its value far away, with the same signature.
-    `per_rotor`, where a model has one, is the ratio of each rotor, with a last axis of rotors.
     `rotors` says whether the model describes an isolated rotor (``"one"``), a vehicle of several
     (``"several"``), or either.
     """
@@ -157,7 +156,6 @@ class LiftModel(Declaration):
     boundary: Boundary
     rotors: Literal["one", "several", "any"] = "any"
     downwash: Evaluate | None = None
-    per_rotor: Evaluate | None = None
     tends_to_one: bool = True
 
     def __post_init__(self) -> None:
@@ -167,16 +165,12 @@ class LiftModel(Declaration):
                 f"{self.boundary!r} is not a boundary",
                 f"boundaries are {', '.join(BOUNDARIES)}",
             )
-        for role, other in (
-            ("downwash", self.downwash),
-            ("per_rotor", self.per_rotor),
-        ):
-            if other is not None and set(keywords(other)) != set(keywords(self.evaluate)):
-                raise self.refusal(
-                    f"{role} takes {sorted(keywords(other))} but evaluate takes"
-                    f" {sorted(keywords(self.evaluate))}",
-                    "give both the same keyword-only names",
-                )
+        downwash, ratio = (keywords(f) for f in (self.downwash or self.evaluate, self.evaluate))
+        if set(downwash) != set(ratio):
+            raise self.refusal(
+                f"downwash takes {sorted(downwash)} but evaluate takes {sorted(ratio)}",
+                "give both the same keyword-only names",
+            )
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:

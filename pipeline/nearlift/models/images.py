@@ -87,12 +87,8 @@ def of_images(
     """
 
     @functools.wraps(cancelled)
-    def each(z_hat: Any, /, **values: Any) -> Any:
-        return gain(cancelled(z_hat, **values))
-
-    @functools.wraps(cancelled)
     def evaluate(z_hat: Any, /, **values: Any) -> Any:
-        ratio = each(z_hat, **values)
+        ratio = gain(cancelled(z_hat, **values))
         return ratio.mean(axis=-1) if per_rotor else ratio
 
     @functools.wraps(cancelled)
@@ -106,7 +102,6 @@ def of_images(
         formula,
         evaluate,
         downwash=downwash,
-        per_rotor=each if per_rotor else None,
         boundary="ground",
         valid_z_hat=(0.25, math.inf),
         **declared,
