@@ -108,7 +108,7 @@ class Spec:
     # its mean, so that only records show it
     sink: float = 0.0
     samples: int | None = None  # running samples per record; 260 to 500 if None
-    every: int = 1  # takes every so-manieth station, the farthest among them
+    every: int = 1  # take each n-th station, the farthest among them
     distances: int | None = None  # takes that many instead, from the nearest to the farthest
     shared: Shared = Shared()
     declared: bool = False  # whether the manifest states errors of datum, radius and spacing

@@ -65,8 +65,9 @@ class Campaign(Section):
     def distance_reference(self, boundary: Boundary) -> DistanceReference:
         """Datum and offset of the distances to a boundary.
 
-        `ManifestError` if its table has no entry for the boundary, or the rotor axis is the datum
-        of another boundary than the sidewall, or of the sidewall without minus a radius as offset.
+        `ManifestError` if a table has no entry for the boundary. `ManifestError` also if the rotor
+        axis is the datum of a ground or ceiling, or if the sidewall's offset from it is not minus
+        one radius.
         """
         given: dict[str, Any] = {}
         for key in ("distance_datum", "distance_offset"):

@@ -1,5 +1,7 @@
-"""Published files as campaigns of means: from each data set the table of its schedule, and the
-facts that its manifest's template, ``<converter>.toml``, is filled in with.
+"""Published files as campaigns of means.
+
+Each data set gives the table of its schedule, and the facts that fill in the template of its
+manifest, ``<converter>.toml``.
 
 A converter takes the paths of the files by name, and the name of the data set.
 """

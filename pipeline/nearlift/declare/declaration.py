@@ -194,8 +194,8 @@ class Effect(Declaration):
         Argument and result of `evaluate`: ``"height"`` z_hat, ``"ratio"`` L / L_inf, ``"force"``
         lift in N.
     inflow : bool
-        Whether the inflow at the disk changes with it as lift does: downwash is then divided by the
-        change of the ratio, or that at the corrected height. Any other leaves downwash as it is.
+        Whether the inflow at the disk changes with it as lift does. Downwash is then divided by the
+        change of the ratio, or is that at the corrected height. Any other leaves downwash as it is.
     additive : bool
         A force effect in newtons: a composed model then needs `lift_inf_N`. Any other is a factor.
     mechanism : str

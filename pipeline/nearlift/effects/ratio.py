@@ -19,9 +19,10 @@ def near_wall_saturation(ratio: Any, /, *, z_hat: Any, gap_hat2: Any, saturation
     rotor radius, below which the gain saturates.
 
     Convention: gap_hat2 >= 0; gains shrink. The form is the ratio's own version of z_hat ->
-    sqrt(z_hat^2 + z_v^2). It is identical for a gain that scales as z_hat^-2 with the power 1 (far
-    away), as z_hat^-1 with the power 1/2 (close to a ceiling). The power 0.68 between them gives
-    1.60 in place of 2.337 at z_hat = 0.1 with z_v = 0.15, as that height form does.
+    sqrt(z_hat^2 + z_v^2). The two are identical with the power 1 for a gain that scales as z_hat^-2
+    (far away). With the power 1/2 they are for z_hat^-1 (close to a ceiling). The power 0.68
+    between them gives 1.60 in place of 2.337 at z_hat = 0.1 with z_v = 0.15, as that height form
+    does.
 
     Size on a Crazyflie: z_v up to 0.3. Boundary layers (0.65 mm at z_hat = 0.1) displace 3 to 10 %
     of the gap. Viscosity alone is therefore a modest correction down to z_hat = 0.1.
@@ -283,9 +284,9 @@ def fountain_shape(
     reaches the body, or is drawn in again by the rotors, over a range of heights. The spacing of
     the axes sets that range; the models' fountain term has one fixed shape.
 
-    Convention: fountain > 0 gains lift at its peak (it pushes on the body), < 0 loses it (drawn in
-    again), as a share of L_inf. None at contact, where no room is left for it, and none far away.
-    An isolated rotor has no fountain and no `spacing_hat`.
+    Convention: fountain is a share of L_inf. It is > 0 where lift is gained at its peak (it pushes
+    on the body), < 0 where lift is lost (drawn in again). None at contact, where no room is left
+    for it, and none far away. An isolated rotor has no fountain and no `spacing_hat`.
 
     Size on a Crazyflie: 2 to 4 % of lift between z_hat = 1 and 3, of which K_b takes what has its
     own shape.
@@ -447,16 +448,16 @@ def plate_edge(ratio: Any, /, *, z_hat: Any, edge_share: Any, edge_width_hat: An
 
     Mechanism: a plate of half-width W mirrors only the part of the wake that it catches. The wake
     widens with the distance that it has travelled. Beyond z = W / c, with c between 0.5 and 3, it
-    flows past the edge, and the effect fades sooner than above a plane without end.
+    flows past the edge. The effect then fades sooner than above a plane without end.
 
     Convention: edge_width_hat = W / (c r) is the distance, in rotor radii, at which 1/e of the loss
-    is reached. edge_share is the share of the gain (a sidewall's loss) that is lost far beyond it:
-    1 where nothing lies behind the plate, less where a floor goes on below its edge, 0 for a plane
-    without end. The range goes beyond 1 because the form is approximate. A plate narrower than the
-    vehicle is no ground: edge_width_hat is at least 2.
+    is reached. edge_share is the share of the gain (a sidewall's loss) that is lost far beyond it.
+    It is 1 where nothing lies behind the plate, and less where a floor goes on below its edge. It
+    is 0 for a plane without end. The range goes beyond 1 because the form is approximate. A plate
+    narrower than the vehicle is no ground: edge_width_hat is at least 2.
 
     Size on a Crazyflie: a plate beyond four diagonals (W = 8 r, c = 2) loses 0.4 % of the gain at
-    z_hat = 1.7, 17 % at 3, where 6 % of gain are left.
+    z_hat = 1.7, and 17 % at 3. The gain at 3 is 6 % of lift.
 
     Confounded with K_b, height_offset, image_strength above ground; with fountain_shape where
     stations begin at z_hat = 2.
@@ -476,7 +477,7 @@ def plate_view(ratio: Any, /, *, z_hat: Any, edge_share: Any, edge_width_hat: An
     (Lambert's view factor). What it does not fill mirrors nothing.
 
     Convention: edge_width_hat is the distance, in rotor radii, at which half of the loss is
-    reached; edge_share the share of the gain that is lost far beyond it.
+    reached. edge_share is the share of the gain that is lost far beyond it.
 
     Size on a Crazyflie: a plate of W = 8 r loses 4 % of the gain at z_hat = 1.7, 12 % at 3.
 
@@ -554,19 +555,19 @@ def tilt(
         (1 - tilt_lean t^2 / 2),   t = tilt_rad + tilt_zero
 
     Mechanism: three of them. Tilted about another point than its centre, the vehicle comes nearer
-    or goes farther: first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one side come
-    nearer by x_i t and gain more than the others lose: second order, 3 <x_i^2> t^2 / z^2 of a gain
-    that scales as z^-2. Where the cell does not tilt, a tilted force acts on it by its cosine, at
-    every distance.
+    or goes farther: first order, gain (1 - 2 x_0 t / z). Tilted about its centre, rotors on one
+    side come nearer by x_i t and gain more than the others lose. This is of second order: 3 <x_i^2>
+    t^2 / z^2 of a gain that scales as z^-2. Where the cell does not tilt, a tilted force acts on it
+    by its cosine, at every distance.
 
     Convention: t > 0 as the schedule has it; tilt_first changes sign with it, tilt_second > 0 gains
     lift on either side. tilt_decay is 0 where a tilt acts in proportion to the gain (turned wakes
     and wall jets), 2 for the rotors' distances. tilt_lean is 1 where the vehicle tilts and the cell
     does not, 0 where the plate tilts. In free air (a blank tilt allowed) nothing changes.
 
-    Size on a Crazyflie: 1 degree is 0.8 mm across 90 mm; second order, by the sum over images at
-    z_hat = 1, 0.03 % of lift at 1.5 degrees and 0.35 % at 5. A centre 10 mm off gives 0.1 % of lift
-    per degree there; the cosine takes 0.4 % at 5 degrees.
+    Size on a Crazyflie: 1 degree is 0.8 mm across 90 mm. By the sum over images at z_hat = 1, the
+    second order is 0.03 % of lift at 1.5 degrees and 0.35 % at 5. A centre 10 mm off gives 0.1 % of
+    lift per degree there; the cosine takes 0.4 % at 5 degrees.
 
     Confounded with height_offset and K_b at a constant tilt, and so by its zero. If the tilt is
     known only to a degree, the uncertainty of a coefficient is larger than that of its fit.

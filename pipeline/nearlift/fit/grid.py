@@ -15,7 +15,7 @@ from nearlift.fit.density import Density
 #: they do not resolve (a bent ridge): 600,000 points at most, which take a second.
 POINTS = {1: 1025, 2: 193}
 DOUBLINGS = 2
-#: Points along each axis while the grid's reach is searched, and most rounds of that search.
+#: Points along each axis while the grid's reach is searched, and maximum number of rounds of it.
 ROUGH_POINTS, ROUNDS = 65, 8
 #: Fall of the log density at which the grid ends: the tail of a normal beyond it is below 1e-7.
 DEEP = 16.0

@@ -66,11 +66,11 @@ class Response:
 def examine(
     problem: Likelihood, theta: FloatArray, reach90: float, declared: str
 ) -> tuple[HeldQuantity, tuple[Response, ...]]:
-    """The first coefficient at the plausible exponents and at those that the logs support, from the
-    published model's optimum (p,); with the responses of the logged quantities.
+    """The first coefficient at plausible exponents and at those that the logs support; responses of
+    the logged quantities. `theta` (p,) is the published model's optimum.
 
-    `reach90` is half of its 90 % interval in standard uncertainties, `declared` the held quantity
-    that the manifest states.
+    `reach90` is half of the coefficient's 90 % interval in standard uncertainties, `declared` the
+    held quantity that the manifest states.
     """
     free = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
@@ -142,8 +142,10 @@ def _text(held: HeldQuantity, unanswered: Sequence[str]) -> str:
 def _raised(
     problem: Likelihood, theta: FloatArray, exponents: Sequence[float], free: bool
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Coefficients and exponent (p + 1,) of each fit that converges from `theta` (p,) and one of
-    the exponents, and their standard uncertainties; the exponent is held if not `free`.
+    """Coefficients and exponent (p + 1,) of each fit that converges, and their standard
+    uncertainties.
+
+    A fit starts from `theta` (p,) and one of the exponents, which is held if not `free`.
     """
 
     def slopes(x: FloatArray) -> FloatArray:

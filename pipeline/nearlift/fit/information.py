@@ -142,8 +142,8 @@ class Line:
 
     @property
     def sensitivity(self) -> FloatArray:
-        """Change of each coefficient per unit of the input, (m,): signed where the input is one
-        number, else the root of the sum of squares over its elements.
+        """Change of each coefficient per unit of the input, (m,). It is signed where the input is
+        one number, else the root of the sum of squares over its elements.
         """
         moved = np.sqrt(self.variance) if self.moved is None else self.moved
         return moved / self.standard

@@ -175,7 +175,7 @@ def run_chain(
 ) -> Posterior:
     """Draws by emcee, thinned: `ess` effective ones of every parameter, half as many in the tails.
 
-    A chain that disagrees with the grid is continued to twice its length: one that missed a slow
+    A chain that disagrees with the grid is continued to twice its length. One that missed a slow
     mode looks better than it is, and only more steps show that.
 
     Raises
@@ -255,7 +255,7 @@ def run_chain(
 
 
 def start(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
-    """Starting points of the walkers about the fit, (w, p), twice as wide as the first order.
+    """Starting points of the walkers about the fit, (w, p), with twice its standard uncertainties.
 
     They are on a lattice: walkers move by each other's differences, so that rounding errors of the
     starts would grow until they changed every walker.

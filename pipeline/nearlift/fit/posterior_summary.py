@@ -190,8 +190,10 @@ def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float,
 
 
 def compare_with_fit(prior: TruncatedPrior, draws: FloatArray, lo90: float, hi90: float) -> str:
-    """Reason why the width of the draws' 90 % interval is far from that of least squares, `lo90` to
-    `hi90`; empty where it is not, or where least squares has no interval.
+    """Reason why the width of the draws' 90 % interval differs from that of least squares, `lo90`
+    to `hi90`.
+
+    Empty where it hardly differs, or where least squares has no interval.
     """
     wide = hi90 - lo90
     ratio = _width90(draws) / wide if 0 < wide < math.inf else 1.0

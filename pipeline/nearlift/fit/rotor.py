@@ -43,8 +43,11 @@ NO_DENSITY = (
 
 
 class Trend(NamedTuple):
-    """Constant C_L, its exponent m of C_L ~ f^m with the p-value of m = 0 (None for one throttle),
-    and the Birge ratio about the power law, at least 1, which has widened the exponent's interval.
+    """Constant C_L, and the exponent m of C_L ~ f^m with the p-value of m = 0 (None for one
+    throttle).
+
+    `excess` is the Birge ratio about the power law, at least 1; the exponent's interval is wider by
+    it.
     """
 
     mean: Estimate

@@ -10,7 +10,7 @@ limited to the range of the motors.
 
 All settings meet the same gusts. They are advanced together, so that the processor works on several
 while each waits for its table. A crashed setting leaves the list. Arrays are flat and every part of
-the state is a scalar: a slice of an array in the loop costs four times as much as the step.
+the state is a scalar. A slice of an array in the loop would cost four times as much as the step.
 """
 
 from __future__ import annotations

@@ -112,7 +112,10 @@ class QuotedLift:
 
     def droop(self, supply_end_V: float | None) -> list[float]:
         """Relative change of lift once the supply has fallen to `supply_end_V` (None: the lowest on
-        record), of the best estimate and of every draw; 0 without a sag exponent or known supply.
+        record).
+
+        The first is of the best estimate, the others are of the draws. All are 0 without a sag
+        exponent or known supply.
         """
         left = (self.supply_V[1] if supply_end_V is None else supply_end_V) / self.supply_V[0]
         if "sag_exponent" not in self.best or not np.isfinite(left):
@@ -227,7 +230,7 @@ def drawn_parameters(
 
     The 5 and 95 % points are the interval's ends, however asymmetric; draws are clipped to the
     parameter's bounds. A parameter that the data do not determine (dof 0) is drawn from its
-    declared prior within the bounds; one without an interval keeps its declared value.
+    declared prior within the bounds. One without an interval keeps its declared value.
     """
     from scipy.special import ndtr
 

@@ -1,7 +1,7 @@
 """Simulated flights: tables of lift, and the moment at which each flight crashes.
 
-Gusts are addressed by flight: flight f meets the same ones in every setting, block and order, which
-makes differences far better known than rates (common random numbers).
+Gusts are addressed by flight: flight f meets the same ones in every setting, block and order. By
+these common random numbers differences are far better known than rates.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ class Simulation:
     ) -> NDArray[np.int32]:
         """Hold in which each flight crashed, or -1: shape (..., flights).
 
-        Set-points, rows of `curves`, and relative changes of lift by the end of a flight (linear
-        in time, as the supply sags) are broadcast against each other.
+        Set-points, rows of `curves`, and `droop` are broadcast against each other. `droop` is the
+        relative change of lift by the end of a flight, linear in time as the supply sags.
         """
         shape, block = self._blocks(curves, target_z_hat, curve, droop)
         # blocks of equal size, or one worker would fly nearly all of few flights

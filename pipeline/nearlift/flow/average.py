@@ -21,7 +21,7 @@ from nearlift.flow.field import VelocityField, same_grid
 SAMPLE, LAGS = 256, 32
 #: Least number of fields, and of lags, that show a correlation in time.
 FEWEST_FIELDS, FEWEST_LAGS = 8, 3
-#: Relative standard error that the paper states of its mean fields, of 150 pairs.
+#: Relative standard error that the paper states for its mean fields of 150 pairs.
 WANTED = 1e-3
 
 

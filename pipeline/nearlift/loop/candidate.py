@@ -225,7 +225,7 @@ class Candidate:
         """Columns (n, t) of form uncertainty, unknowns of unit variance: each effect's contribution
         times smooth deformations of relative standard deviation `sd`.
 
-        These run along the effect's covariate, throttle, and distance unless it acts on force: a
+        These run along the effect's covariate, throttle, and distance unless it acts on force. A
         true effect rarely scales with speed or distance exactly as its declared form does.
         """
         if sd <= 0:

@@ -20,7 +20,7 @@ Point = tuple[tuple[Effect, ...], FloatArray]
 Start = tuple[FloatArray, FloatArray]
 #: Maximum number of bisections of a start beyond a pole towards the null.
 HALVINGS = 8
-#: Gain in the objective by a step below which a search ends: evidences differ by units.
+#: Gain of the objective in one step, below which a search ends; evidences differ by units.
 SUFFICIENT_GAIN = 1e-3
 #: Added to the diagonal of a normal matrix of unit diagonal, so that it has an inverse.
 RIDGE = 1e-12

@@ -90,9 +90,9 @@ class Answers:
     before : pair of arrays
         By the base fit alone.
     members : tuple of (str, pair of arrays)
-        Accepted explanations with uncertain form, best first; else the base fit with residual
-        structure as random effects, and the explanations that were refused with a probability of
-        at least `LEAST_REFUSED`.
+        Accepted explanations with uncertain form, best first. Without any: the base fit with
+        residual structure as random effects, and refused explanations with a probability of at
+        least `LEAST_REFUSED`.
     weights : (m,)
         Relative probability of each member.
     conditional : pair of arrays

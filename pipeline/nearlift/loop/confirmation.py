@@ -244,8 +244,8 @@ def jackknife(without: FloatArray) -> FloatArray:
 def log_rms(
     visit: IntArray, residual: FloatArray, reference: FloatArray | None = None
 ) -> tuple[float, float]:
-    """Log of the root mean square, or of its ratio to that of a `reference`, and half of its 90 %
-    interval by the jackknife over visits.
+    """Log of the root mean square and half of its 90 % interval, by the jackknife over visits. With
+    a `reference`, of the ratio to its root mean square.
 
     Both sides of a ratio share the noise of the same trials, so it is known far better than either.
     Half of the interval is nan for fewer than three visits, or where a side has no residual.

@@ -166,8 +166,10 @@ def _log_distance(data: Observations) -> FloatArray:
 def _bent_by(
     data: Observations, shape: FloatArray, additive: FloatArray, others: list[str]
 ) -> Iterator[tuple[str, str, FloatArray]]:
-    """Curves of distance that change with session, supply or temperature, forces by tilt and
-    `others`, and the traverse's last move, as a direction and as a log ratio of distances.
+    """Curves of distance that change with session, supply or temperature; forces by tilt and
+    `others`.
+
+    The traverse's last move is a family too, as a direction and as a log ratio of distances.
     """
     known = data.covariates
     if 0 < data.session.max() < LARGEST // shape.shape[1]:

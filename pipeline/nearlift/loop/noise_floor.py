@@ -32,11 +32,11 @@ def prepare(
 ) -> SearchProblem:
     """The search problem at its noise floor, by penalised restricted maximum likelihood.
 
-    The noise is estimated in alternation with the coefficients, from the problem's `theta` on,
-    about the base model or about an explanation (a candidate at a vector). The latter serves where
-    an effect is many times the noise: there, the base model's slope and the families' curvature
-    cannot distinguish noise from outliers. `start` is the noise of nearly the same trials, as a
-    starting value.
+    Noise and coefficients are estimated in turn, beginning with the problem's `theta`. They are
+    estimated about the base model or about an explanation (a candidate at a vector). The latter
+    serves where an effect is many times the noise: there, the base model's slope and the families'
+    curvature cannot distinguish noise from outliers. `start` is the noise of nearly the same
+    trials, as a starting value.
     """
     p, noise_floor = len(problem.theta), start
     base, data, parts = problem.base, problem.data, problem.linear_parts

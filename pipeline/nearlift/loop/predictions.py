@@ -74,8 +74,8 @@ def outlook(
 
 
 def effect_outlook(design: DesignPower, of: SizeParameter, u: Iterable[float]) -> EffectOutlook:
-    """Detection limit of one size, naming at its plausible size, and the bias of the coefficients
-    at the largest plausible size that goes undetected, also in `u` (p,).
+    """Detection limit of one size, naming at its plausible size, and bias of the coefficients. The
+    bias is at the largest plausible size that goes undetected, also in `u` (p,).
     """
     problem, limit = design.problem, design.limit(of)
     share = problem.visibility(of.effect)

@@ -243,8 +243,8 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
 
 
 def with_posterior(quoted: BoundaryResult, drawn: Posterior) -> BoundaryResult:
-    """The result, `holds` with the posterior's interval where it differs by `SAME_END` from the
-    quoted one: by the effect's exact form, by rivals, or by the model's curvature.
+    """The result with the posterior's interval added to `holds` where it differs by `SAME_END` from
+    the quoted one. Causes are the effect's exact form, rivals, or the model's curvature.
     """
     coefficients = dict(quoted.coefficients)
     for i, (name, c) in enumerate(quoted.coefficients.items()):

@@ -66,8 +66,10 @@ class HeldOut:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """Outcome of a search. `singles` and `pairs` are all explanations that were tried, `allowed`
-    those that may be named, and `accepted` the set of rivals among these, the likeliest first.
+    """Outcome of a search.
+
+    `singles` and `pairs` are all explanations that were tried. `allowed` are those that may be
+    named, `accepted` the set of rivals among these, the likeliest first.
 
     Cross-validation adds the held-out residuals `scored`, and `refuted`, the explanations that they
     do not confirm. `contradicted` lists the evidence against a base model without residual

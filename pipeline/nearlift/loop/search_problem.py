@@ -46,11 +46,12 @@ SILENT = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How the search is run; `form_sd` exists to show what breaks without it.
+    """Options of the search; `form_sd` shows what fails without uncertain forms.
 
-    `not_feasible` is what the bench cannot do, and what is not proposed: "closer", "farther", "both
-    directions"; nor is a visit at or below `contact_z_hat`. Without `pairs`, as where trials are
-    few, a single effect must do. `downwash` is what PIV measured at the disk near this boundary.
+    `not_feasible` names what the bench cannot do: "closer", "farther", "both directions". Neither
+    that nor a visit at or below `contact_z_hat` is proposed. Without `pairs`, as where trials are
+    few, a single effect must suffice. `downwash` is what PIV measured at the disk near this
+    boundary.
     """
 
     seed: int = 0
@@ -389,8 +390,8 @@ class SearchProblem:
     def explains_enough(
         self, gain: FloatArray | float, excess: FloatArray | float
     ) -> NDArray[np.bool_]:
-        """Whether so much of chi2 is the greater part of a structure's `excess` over noise, less
-        `BY_CHANCE` standard deviations of that excess under noise of estimated scale.
+        """Whether `gain`, a drop of chi2, is the greater part of a structure's `excess` over noise.
+        `BY_CHANCE` standard deviations of that excess under noise of estimated scale are allowed.
         """
         d = self.hypotheses[1].shape[1]
         sd = float(np.sqrt(2 * d * (1 + d / self.noise.dof)))

@@ -48,8 +48,10 @@ Choice = tuple[Fitted, Fitted, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Without:
-    """Diagnosis without one trial or visit; `intervals` are (value, lo90, hi90) by coefficient,
-    `widths` those of the 90 % intervals before they are cut at a bound.
+    """Diagnosis without one trial or visit.
+
+    `intervals` are (value, lo90, hi90) by coefficient. `widths` are those of the 90 % intervals
+    before they are cut at a bound.
     """
 
     verdict: Verdict
@@ -144,8 +146,8 @@ def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
 
 
 def _least_without_each(problem: SearchProblem, linear_fit: LinearFit) -> FloatArray:
-    """Smallest log10 p of the whole test on a linear fit's residuals without each trial, (n,), to
-    first order.
+    """Smallest log10 p of all tests on a linear fit's residuals without each trial, (n,), to first
+    order.
     """
     left = linear_fit.left
     hypotheses = structure.mapped(problem.hypotheses[0], left.whiten)

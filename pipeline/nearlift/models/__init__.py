@@ -1,8 +1,9 @@
 """Lift models by theory: images, momentum, empirical forms, and sidewalls.
 
-A model is one block in the module of its theory: a function, which says convention, approximation,
-refusal and traps, and its declaration, a table with a row for each parameter. To add a model, write
-its block; a model of another package is found by its entry point instead (`catalogue`).
+A model is one block in the module of its theory: a function and its declaration. The function's
+docstring states convention, approximation, refusal and traps. The declaration has a row for each
+parameter. To add a model, write its block; a model of another package is found by its entry point
+instead (`catalogue`).
 """
 
 from nearlift.declare import LiftModel

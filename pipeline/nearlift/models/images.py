@@ -486,7 +486,7 @@ def tilted_cancelled(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
     constants`. At tilt 0 it is `images`.
 
     Convention: the tilt is about y, positive where rotors at positive x are farther from the
-    boundary; z_hat is measured to the layout's origin, along the boundary's normal. The inflow of a
+    boundary. z_hat is measured to the layout's origin, along the boundary's normal. The inflow of a
     rotor is counted along its axis. Along the boundary's normal z_i + z_j would take the place of
     2 z_j. The sum over rotors would be the same but for cos t. The levelling moment of a Crazyflie
     would be 1.18, 1.35 and 1.46 times smaller at z_hat = 1.14, 2 and 4.

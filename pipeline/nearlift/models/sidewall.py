@@ -15,8 +15,8 @@ def sidewall_decay(z_hat: Any, /, *, a: Any, lambda_: Any) -> Any:
 
         L / L_inf = 1 - a exp(-z_hat / lambda_)
 
-    Convention: z_hat is the gap between the wall and the nearest blade *tip* over rotor radius
-    (from the rotor axis it would be larger by 1). a > 0 loses lift, and is the loss of the whole
+    Convention: z_hat is the gap between the wall and the nearest blade *tip* over rotor radius.
+    From the rotor axis it would be larger by 1. a > 0 loses lift, and is the loss of the whole
     vehicle at contact; lambda_ > 0 in rotor radii.
 
     Approximation: empirical. No verified closed form of a sidewall's effect exists. Potential
@@ -64,8 +64,8 @@ def sidewall_power_law(z_hat: Any, /, *, a: Any, p: Any) -> Any:
 
         L / L_inf = 1 - a (1 + z_hat)^(-p)
 
-    Convention: z_hat is the gap between the wall and the nearest blade tip over rotor radius, so 1
-    + z_hat is the distance of the rotor axis. a > 0 loses lift, and is the loss at contact; p > 0.
+    Convention: z_hat is the gap between the wall and the nearest blade tip over rotor radius. The
+    distance of the rotor axis is 1 + z_hat. a > 0 loses lift, and is the loss at contact; p > 0.
 
     Approximation: empirical, the rival of `sidewall_decay` with a longer reach; finite at contact.
 

@@ -15,20 +15,20 @@ from nearlift.readers.base import AS_FORCE, Channel, fold, split_unit
 from nearlift.readers.sweep import AT_REST, is_sweep, levels_of
 from nearlift.reduction import cuts
 
-#: A command follows the force so closely, by ranks; one that is called a command, too, where lift
-#: falls before the end of it.
+#: Least rank correlation of a command with the force, and that of one whose name is in `COMMANDS`,
+#: since lift may fall before it ends.
 FOLLOWS = {False: 0.95, True: 0.7}
-#: Levels of a staircase last so long, s, or so many samples where the rate is not known; shorter
-#: ones are a ramp. It has so many levels, of which such a share must be left once cut.
+#: A staircase has at least this duration of a level, s, or samples where the rate is unknown;
+#: number of levels; and share of them left once cut. Otherwise it is a ramp.
 LASTS_S, LASTS, FEWEST_LEVELS, LEFT = 0.4, 40, 3, 0.5
 #: Words in the names of commands, and of the force's own readings, which follow it as well.
 COMMANDS = {"esc", "throttle", "thr", "pwm", "command", "cmd", "signal", "duty"}
 READINGS = {"raw", "adc", "count", "counts", "thrust", "force", "load", "cell", "weight", "lift"}
-#: What pulses and counts mean where the file has no fraction.
+#: Range of pulses, us, and full scales of counts and per cent, where the file has no fraction.
 PULSE_US, COUNTS, PERCENT = (700.0, 2600.0), 65535.0, 100.0
 #: Settling, pieces and windows that are proposed, s: rotors and cells follow within a few tenths.
 SETTLE_S, SHORTEST_S = 0.5, 0.5
-#: What lift may change by within a window of a ramp.
+#: Largest relative change of lift within a window of a ramp.
 CHANGE = 0.03
 
 
@@ -43,14 +43,14 @@ class Ramp:
 def ramp_of(
     force: Channel, channels: Sequence[Channel], clocks: Sequence[str], rate_Hz: float | None
 ) -> Ramp | None:
-    """The ramp in a record that is a sweep, at a rate that need not be known; None of any other.
+    """The ramp in a record that is a sweep, or None. The rate need not be known.
 
     Of the file's channels, one that follows the force and is none of the `clocks` may be the
     command.
     """
     if not is_sweep(force.values):
         return None
-    said, end = "takes many lifts", ": a sweep of the throttle, and no one trial"
+    said, end = "takes many lifts", ": it is a sweep of the throttle, not one trial"
     command = _command(force, [c for c in channels if c.name not in clocks])
     if command is None:
         return Ramp(words=f"{said}{end}", segments=_without_command(force, rate_Hz))

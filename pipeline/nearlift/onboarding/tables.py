@@ -72,8 +72,10 @@ class InputTable:
         return "lift" in self.units and self.lists_trials
 
     def ids(self, wanted: Collection[str]) -> tuple[list[str], list[str]]:
-        """Trial of every row, from the column with most of these ids or files' names, and those
-        that it lacks. Names that differ in case or Unicode form are alike.
+        """Trial of every row, and the wanted names that no row has.
+
+        Trials are taken from the column with most of these ids or files' names. Names that differ
+        only in case or Unicode form are equal.
         """
         alike = {fold(name): name for name in wanted}
         best: tuple[list[str], list[str]] = ([], [*wanted])
@@ -147,8 +149,8 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
 
 
 def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.DataFrame]:
-    """A table with a lift for each throttle side by side, such as ``50 % (gf)`` or ``1500 us (N)``,
-    as one with a row for each lift; any other table as it is.
+    """The table with one lift a row, if lifts at several throttles are side by side in columns such
+    as ``50 % (gf)`` or ``1500 us (N)``. Any other table is returned as it is.
     """
     lifts = {}
     for place, name in enumerate(names):

@@ -196,8 +196,8 @@ class Record:
     `source` is the file, relative to the campaign's folder. `codes` are quality codes that the
     reader gives (names in `reduction.quality.CODES`). `notes` leave out the file's name, so that
     equal ones of many records are printed once. `fault` is the reason of a MALFORMED record.
-    `refusal` is there where the file cannot be read in the way that the manifest asks for, and
-    `contents`, all channels of the file, where they were asked for.
+    `refusal` is given if the file cannot be read in the way that the manifest asks for. `contents`
+    are all channels of the file, if they were asked for.
     """
 
     trial: str

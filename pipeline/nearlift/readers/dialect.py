@@ -139,7 +139,10 @@ def encoding_of(head: bytes, where: str) -> str:
 
 
 class Unfit(InputRefused):
-    """The refusal of one pair of signs, which read so many lines; infinity goes before all."""
+    """Refusal of one pair of signs, which could read `lines` lines (infinity: refused in any case).
+
+    Of several refusals that with most lines is shown.
+    """
 
     lines: float
 
@@ -247,7 +250,8 @@ def _fitted(
 ) -> tuple[Layout, object]:
     """The layout of some lines by one pair of signs, and what it reads: names and first numbers.
 
-    `Unfit` where they are not of it. `strict`: every cell of the first row is a number, or none.
+    `Unfit` if these signs do not fit. With `strict`, all cells of the first row must be numbers, or
+    none.
     """
     start = _first_row(lines, where, signs, said.skip, strict)
     at, row = f"{where}, line {start + 1}", _cut(lines[start], signs)

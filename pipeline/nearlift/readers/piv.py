@@ -72,8 +72,11 @@ class Raw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """The content of a text's header: name and unit of each column, the index of the first data
-    line, the nodes across and up (empty where not stated), and what else it states of units.
+    """The content of a text's header: the index of the first data line, and name and unit of each
+    column.
+
+    `promised` are the nodes across and up, empty where not stated. `stated` are the units that it
+    gives besides those of columns.
     """
 
     first: int

@@ -45,8 +45,8 @@ MISDESCRIBED = {
 #: A record whose samples scatter by more than this part of its lift may be a sweep.
 SWEEP = 0.1
 SWEPT = (
-    "the record takes many lifts: a sweep of the throttle, and no one trial; to cut it into trials"
-    f" write {RECORD_MARK} for {MARK} in [records] files, call the schedule's column of ids record,"
+    "the record takes many lifts: it is a sweep of the throttle, not one trial. To cut it, write"
+    f" {RECORD_MARK} for {MARK} in [records] files, call the schedule's column of ids record,"
     " and add the [segments] that `nearlift inspect FILE` proposes for the record"
 )
 #: Samples of a tare that show whether it is one level.
@@ -222,7 +222,7 @@ def digest_of(root: Path, source: str, digests: dict[str, str]) -> str:
 
 #: Results of a function over tasks, in order, by as many workers as there are.
 Spread = Callable[[Callable[[Task], Any], Iterable[Task]], Iterator[Any]]
-#: What hears what is being done, and the share that is done.
+#: Callback for progress: the activity in words, and the share that is done.
 Say = Callable[[str, float | None], None]
 
 
@@ -361,8 +361,8 @@ def _from_records(
     Raises
     ------
     InputRefused
-        No trial has a record, or most records are refused, by the first refusal: one record is
-        damaged, most of them are misdescribed.
+        No trial has a record, or most records are refused. It is then the first record's refusal:
+        one refused record is damaged, most of them are misdescribed.
     """
     ids, noun = schedule.trial.tolist(), "records" if campaign.cuts_records else "trials"
     reader = segments.cutting(reader) if campaign.cuts_records else reader

@@ -1,4 +1,4 @@
-"""A record that takes lifts far apart: a sweep of the throttle, and no one trial."""
+"""Detection of throttle sweeps: records of several lifts, which are more than one trial."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ FEWEST = 100
 
 
 def is_sweep(force: FloatArray) -> bool:
-    """Whether a record's force (n,), rest aside, takes lifts far apart.
+    """Whether a record's force (n,) has several lifts, far apart; readings at rest do not count.
 
-    The reading at rest may be any: a zero that is not tared and one lift are one trial. A record
-    with a blank, or a number beyond any load cell's, is no sweep.
+    The reading at rest may have any value: a zero that is not tared, with one lift, is one trial. A
+    record with a blank, or a number beyond any load cell's range, is not a sweep.
     """
     if len(force) < FEWEST or not np.abs(force).max() <= LARGEST_N:
         return False

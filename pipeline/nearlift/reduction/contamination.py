@@ -28,10 +28,10 @@ BLOCKS, SHORTEST_BLOCK, FEWEST_BLOCKS = 32, 8, 10
 #: A trend is a cubic that explains so many times what noise would, by the blocks' means; of few,
 #: more is asked for.
 CUBIC, TREND = 3, 12.0
-#: Single samples come in runs of so many at most, and are so large a share.
+#: Longest run of single outlying samples, and their largest share.
 LONGEST_RUN, LARGEST_SHARE = 5, 0.05
-#: Robust standard deviations from the median from which on a reading is impossible, such as a
-#: converter's error code, where such readings come one by one and are no larger a share of all.
+#: Distance of an impossible reading, such as a converter's error code, from the median in robust
+#: standard deviations; and the largest share of such readings.
 IMPOSSIBLE, IMPOSSIBLE_SHARE = 20.0, 0.2
 #: Samples of a start that the running median of `reduction.start` does not show, and standard
 #: errors of the mean by which one of them must move it to be left out.
@@ -54,7 +54,7 @@ def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
     """Whether single samples, and whether a segment, may be outlying: a first and cheap look."""
 
     def spread(some: FloatArray) -> tuple[float, float, float]:
-        """The upper median, the median absolute and the largest deviation."""
+        """The upper median, the median absolute deviation and the largest deviation."""
         middle = len(some) // 2
         level = float(np.sort(some)[middle])
         away = np.sort(np.abs(some - level))

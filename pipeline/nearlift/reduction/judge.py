@@ -39,7 +39,7 @@ FEWEST_TO_REPEAT = 5
 WORST_CELL = 0.05
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
-#: Share of u(lift) that the tares of most records have, where a constant one is a fault.
+#: Median u(zero) over median u(lift), above which a constant tare is a fault.
 TARE_SCATTERS = 0.1
 #: The columns of a cell.
 CELL = ["boundary", "z_hat", "throttle"]
@@ -71,8 +71,10 @@ def record_codes(
 
 
 def mark_constant_tares(columns: Table, codes: Sequence[list[str]]) -> None:
-    """Add `STUCK` to records whose tare is one value, where the tares of most scatter by as much as
-    matters to the lift. A tare that all records have so is a quiet scale.
+    """Add `STUCK` to records with a constant tare, if the scatter of most tares matters to the
+    lift.
+
+    A scale whose tares are all constant is quiet, not stuck.
     """
     here = columns["n"] > 0
     u_zero, u_lift = columns["u_zero_N"][here], columns["u_lift_N"][here]
@@ -312,8 +314,10 @@ def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
 
 
 def campaign_notes(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
-    """Notes on records whose head was not taken off, on errors declared as large as what they are
-    of (the least distance, the largest lift), and on a cell worse than any.
+    """Notes on records that begin with another force, on implausibly large stated errors, and on an
+    implausibly nonlinear load cell.
+
+    A stated error is implausible if it is as large as the least distance or the largest lift.
     """
     notes, good = [], _accepted(table)
     texts = table["quality"][~rejected(table["quality"])]

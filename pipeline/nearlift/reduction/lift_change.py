@@ -35,9 +35,9 @@ COLUMNS = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_
 class Cells:
     """One boundary's cells, ordered by throttle, then distance: `table` with the columns `COLUMNS`.
 
-    Of all cells, those in free air included, `mean` is the mean lift (N), `far` the index of each
-    one's L_inf, and `near` selects those of the table. The covariance of the means is `variance`,
-    and for the cells of one station a `joint` block: (members, block).
+    The other fields are of all cells, those in free air included. `mean` is the mean lift (N),
+    `far` the index of each one's L_inf; `near` selects those of the table. The covariance of the
+    means is `variance`, and for the cells of one station a `joint` block: (members, block).
     """
 
     table: pd.DataFrame

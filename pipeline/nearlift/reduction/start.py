@@ -1,5 +1,6 @@
-"""The start of the rotors in a record: where the rest head ends, and where the lift is steady; and
-a converter's counter that wraps: a jump far beyond any force that lasts.
+"""The start of the rotors in a record: where the rest head ends, and where the lift is steady.
+
+A converter's counter that wraps is found, too: a lasting jump far beyond any force.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def start_of(force: FloatArray, rate_Hz: float) -> RotorStart | None:
 def steady_after(force: FloatArray, first: int, rate_Hz: float) -> int:
     """Samples from `first` on before the lift is steady; 0 where it is, or no start is detectable.
 
-    The lift is taken for steady after twice the time that it took to come within the band: an
+    The lift is taken for steady after twice the time that it took to come within the band. An
     exponential approach is then within 1 %. At most half of the samples are left out.
     """
     start = start_of(force, rate_Hz)

@@ -1,8 +1,8 @@
 """Lift over L_inf near a boundary: the curve that is quoted with its 90 % band, and its cells.
 
 An effect that depends on distance alone, such as a height offset or a stagnation zone, belongs to
-the vehicle and its place: it is drawn in the curve, and the cells are as measured. An effect along
-anything else, such as supply voltage or time, belongs to the rig: a curve over distance cannot show
+the vehicle and its place. It is drawn in the curve, and the cells are as measured. An effect along
+anything else, such as supply voltage or time, belongs to the rig. A curve over distance cannot show
 it, so each trial is corrected for it. Both follow from the residual of the whole model: a trial
 deviates from the curve by what that model leaves.
 """
@@ -252,8 +252,8 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
 
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
-    """The curve that belongs to the cells: the quoted model's L / L_inf - 1 at recorded distances,
-    without the effects that the cells are corrected for.
+    """The quoted model's L / L_inf - 1 at recorded distances, without the effects that the cells
+    are corrected for.
 
     Its 90 % band is that of the quoted coefficients. Where it has an effect, these allow for rivals
     that draw other curves; the band is then the most probable explanation's.

@@ -175,8 +175,11 @@ class Place:
         show: Callable[[float], float] = float,
         unit: str | None = None,
     ) -> Quoted:
-        """An estimate: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`;
-        of the path's last key, or of `name`; as `show` makes its numbers, in that unit.
+        """An estimate from an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`,
+        `at_bound`.
+
+        It is an estimate of the path's last key, or of `name`. `show` converts its numbers into
+        `unit`.
         """
         place = self.at(*path)
         entry = place.content

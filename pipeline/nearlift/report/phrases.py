@@ -245,8 +245,8 @@ def coefficient_text(c: Estimate | CoefficientResult, name: str = "") -> str:
 
 
 def displayed(parameter: str, unit: str) -> tuple[Callable[[float], float], str]:
-    """How a size of an effect is printed, and in which unit: millimetres, millinewtons, per cent of
-    lift, a distance where its square over rotor radii was fitted.
+    """Conversion of an effect's size for print, and its unit: millimetres, millinewtons or per cent
+    of lift. A fitted squared distance, `gap_hat2`, is printed as a distance.
     """
     head, comma, tail = unit.partition(", ")
     if parameter == "gap_hat2":

@@ -239,7 +239,7 @@ class BoundaryDiagnosis:
     at_bound : tuple of str
         Effects that would explain half of it or more with a size at a bound of its range.
     contradicted : tuple of str
-        What speaks against a model that no test of structure rejects.
+        Evidence against a model that no test of structure rejects.
     wander : float
         Root mean square, as a fraction of lift, of the gain's random walk besides the answer, along
         nothing that was logged.

@@ -19,7 +19,7 @@ from nearlift.results.quotation import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WithinTrialPower:
-    """The mean relative change of lift over a record that would be found over so many visits."""
+    """The smallest mean relative change of lift within a record that so many visits can detect."""
 
     visits: int
     limit: Real

@@ -33,7 +33,9 @@ class DetectionLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensitivity:
-    """Detection limits of a diagnosis of few trials, each with that probability (`chance`)."""
+    """Detection limits of a diagnosis of few trials; each is detected with the probability
+    `chance`.
+    """
 
     trials: int
     families: tuple[str, ...]

@@ -11,8 +11,10 @@ from nearlift.results.document import Real
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageRecord:
-    """One stage that is done: digests of its `material` (what decides its output) by name and of
-    its `outputs` by ``processed/...`` or ``reports/...``; `rejected` trials with the reason.
+    """Record of one stage that is done.
+
+    `material` has the digests of everything that decides its output. `outputs` has those of its
+    files, by ``processed/...`` or ``reports/...``. `rejected` are trials with the reason.
     """
 
     material: Mapping[str, str]

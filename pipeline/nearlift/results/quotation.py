@@ -78,9 +78,9 @@ class Shift:
     """A trial or visit, its mean distance (None in free air), and the coefficient without
     it less what it is.
 
-    `standardised` is the shift by a visit over its standard deviation, `shift_per_mm` the change of
-    the coefficient per millimetre of error in the visit's distance; both where a new diagnosis
-    gives the shift.
+    `standardised` is the shift by a visit over its standard deviation. `shift_per_mm` is the change
+    of the coefficient per millimetre of error in the visit's distance. Both exist where a new
+    diagnosis gives the shift.
     """
 
     id: str

@@ -25,8 +25,11 @@ SEVERITY = (0, SOME_TRIALS_REJECTED, 2, 5, 4)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignOutcome:
-    """Outcome of one campaign: its name (its folder where the manifest was refused), the exit code
-    that it would have had alone, one line of results or refusal, and the stages that were stale.
+    """Outcome of one campaign.
+
+    `campaign` is its name, or its folder where the manifest was refused. `exit_code` is that of a
+    run of it alone. `words` are one line of results or refusal. `ran` are the stages that were
+    stale.
     """
 
     campaign: str

@@ -1,7 +1,7 @@
 """A run: which stages are stale, and how what they write gets to the disk.
 
-A stage is a function of a `Job`. It is stale when the digest of something that decides its output
-is not the one in provenance.json, or a product is not what it wrote.
+A stage is a function of a `Job`. It is stale when a digest in provenance.json differs from that of
+something that decides its output, or of a product that it wrote.
 
 A stage's files are kept in memory until it is done. Then its record leaves provenance.json, its
 files take their places, and its record is written last. A killed run leaves a stage that is stale.

@@ -20,8 +20,10 @@ from nearlift.stages.ingest import TRIALS
 
 
 def answers(job: Job) -> dict[str, str]:
-    """Answers of the products on disk in words: accepted trials, and by boundary the first
-    coefficient, the verdict, and the threshold of a claim where trials are still to come.
+    """Answers of the products on disk, in words: accepted trials, then for each boundary its first
+    coefficient and verdict.
+
+    Where trials are still to come, the threshold of a claim is added.
     """
     words = {}
     # a table that is missing or damaged is about to be written again

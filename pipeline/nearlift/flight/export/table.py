@@ -1,6 +1,6 @@
 """Table of L / L_inf over distance with its uncertainty, the content of every export.
 
-Nodes are equally spaced in w = 1 / (1 + z_hat), which maps any distance to a number between 0 and 1
+Nodes are equally spaced in w = 1 / (1 + z_hat). It maps any distance to a number between 0 and 1
 with one division. Lift, steep near a boundary and flat far from it, varies evenly in w. The ratio
 is a cubic Hermite polynomial between nodes, its uncertainty is linear.
 """

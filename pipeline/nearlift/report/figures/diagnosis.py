@@ -298,8 +298,8 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
 
 
 def _lines(block: pd.DataFrame) -> list[list[tuple[str, str]]]:
-    """Letter and part of the panels of a block, line by line: residuals have a line of their own
-    where they are two, or followed by candidates.
+    """Letter and part of the panels of a block, line by line. Residuals have a line of their own if
+    they are two, or if candidates follow.
     """
     panels = [(letter, part) for letter, part in groups(block, "letter", "part") if letter]
     residuals = [panel for panel in panels if panel[1] == "residual"]

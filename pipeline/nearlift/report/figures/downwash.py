@@ -61,8 +61,10 @@ def table(evidence: Evidence) -> pd.DataFrame:
 
 
 def reduction(evidence: Evidence, name: str, z_hat: FloatArray) -> FloatArray:
-    """Percent by which a model's induced velocity at the disk is below its value far away, at
-    quoted coefficients for the base model, else at fitted parameters where there are some.
+    """Percent by which a model's induced velocity at the disk is below its value far away.
+
+    The base model has the quoted coefficients, another model its fitted parameters, where there are
+    some.
     """
     model, geometry = catalogue.model(name), evidence.campaign.geometry()
     assert model.downwash is not None

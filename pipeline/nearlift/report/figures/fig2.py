@@ -35,7 +35,7 @@ from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
 
 POINTS = 240
-#: Two curves that part by less than this much of what the data span are one line.
+#: Two curves are drawn as one if they differ by less than this share of the data's range.
 VISIBLE = 0.01
 #: A lift above this is printed in newtons, below it in millinewtons.
 MILLI_BELOW_N = 2.0

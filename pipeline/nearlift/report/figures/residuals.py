@@ -47,8 +47,8 @@ LOOKS = {"base": SERIES[1], "bin": SERIES[2]}
 def residuals(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
     """Trials within the base model's range with their relative residuals, a row each.
 
-    Columns: `trial`; `quoted`, the residual of the quoted model; `base`, that of the base model
-    where another one is quoted; `sigma`, the standard deviation expected; every covariate.
+    Columns are `trial` and every covariate; `quoted`, the residual of the quoted model; `sigma`,
+    the expected standard deviation. `base` is the base model's residual, if another one is quoted.
     """
     model, fit = evidence.base(boundary)
     data = evidence.observations[boundary]
