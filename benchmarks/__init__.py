@@ -1,1 +1,1 @@
-"""Each benchmark beside its peer, in one run: ratios count, times are orientation."""
+"""Benchmarks, each with its peer in one run: ratios count, times are for orientation."""

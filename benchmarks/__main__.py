@@ -1,11 +1,11 @@
-"""Every benchmark beside its peers: ``make bench``.
+"""Every benchmark with its peers: ``make bench``.
 
     python -m benchmarks [NAME ...] [--quick | --full] [--rounds N] [--data DIR] [--without WHO ...]
     [--save] [--fail] [--json FILE]
 
 Prints Markdown; `--save` keeps it in docs/benchmarks.md and benchmarks/last.json, against which
-later results are compared. A regression beyond noise is told on stderr; only with `--fail` does it
-set the exit code.
+later results are compared. A regression beyond noise is printed on stderr; with `--fail` it also
+sets the exit code.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ def campaign(data: Path, scale: float, form: str = "csv_with_time", sagging: boo
 
 
 def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
-    """As a lab's logger prints it: 0.1 uN, a clock in ms beside the force."""
+    """Write records as a lab's logger prints them: force to 0.1 uN, clock in ms."""
     import dataclasses
 
     import numpy as np

@@ -1,5 +1,5 @@
-"""A thousand bootstraps of a fit of 1200 trials with their full covariance, beside what a lab would
-write.
+"""A thousand bootstraps of a fit of 1200 trials with their full covariance, compared with a lab's
+scripts.
 
 Each contestant fits the same lifts: K_b and an exponent near the ground, and a level for each of
 four throttles. The peers whiten by a dense triangle; lmfit and least_squares go campaign by

@@ -1,10 +1,8 @@
-"""The streamed average of 150 fields of 128 x 128 beside numpy's mean and variance of the stack in
-memory; and its memory as fields grow.
+"""The streamed average of 150 fields of 128 x 128, and its memory as the number of fields grows.
 
-"numpy" is its own mean and variance of the whole stack, without a missing vector (it could not bear
-one); "nan" the same by nanmean and nanvar. The accumulator takes the same stack, 1 % of it missing.
-"stream" averages ever more fields that are made as they are asked for: its memory is flat, however
-large the set.
+"numpy" is its mean and variance of the stack in memory, without a missing vector. "nan" is the same
+by nanmean and nanvar, with missing vectors. The accumulator takes the same stack, 1 % of it
+missing. "stream" averages more and more fields that are made on demand: its memory is constant.
 """
 
 from __future__ import annotations

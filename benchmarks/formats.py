@@ -1,5 +1,5 @@
-"""Ingest of 1200 records in CSV, TDMS, HDF5 and Parquet beside a bare read of the same files by the
-library that knows them.
+"""Ingest of 1200 records in CSV, TDMS, HDF5 and Parquet, compared with a bare read by each format's
+library.
 
 A third of the paper's campaign: one column of whole numbers in CSV, as a converter's logger prints
 them; one TDMS or HDF5 file for each trial, force and clock; one long Parquet table. Whole

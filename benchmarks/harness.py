@@ -1,5 +1,4 @@
-"""What the benchmarks share: contestants in processes of their own, taken in turn; paired ratios;
-what is told of them.
+"""Tools of all benchmarks: contestants in processes of their own, in turn; paired ratios; tables.
 
 A benchmark is a `BENCH` in a file of its own: how its data are made, who runs over them, and which
 ratios are promised. Contestants take turns, so that whatever else the machine does hits all alike,
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parent.parent
-#: One thread for linear algebra, as around all small fits; two for whoever counts threads.
+#: One thread for linear algebra, as for all small fits; two for polars.
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "POLARS_MAX_THREADS": "2"}
 QUANTITIES = {"wall_s": "wall", "cpu_s": "processor", "peak_MiB": "peak memory"}
 #: A ratio is another than before if it moved by more than this, and by more than `SIGMAS` of both

@@ -1,5 +1,4 @@
-"""Ingest of the paper's whole campaign beside a bare parse of the same files, what a lab would
-write, and C.
+"""Ingest of the paper's whole campaign, compared with a bare parse, a lab's script, and C.
 
 nearlift digests every file, removes the tare, checks clock and samples, and takes mean, standard
 error, drift and quality codes; pyarrow only parses; pandas, polars and duckdb parse and take mean

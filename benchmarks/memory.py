@@ -35,7 +35,7 @@ def ingest(data: Path, which: int) -> None:
 
 
 def stage(folder: Path, name: str) -> None:
-    """One stage of a campaign, its products beside it."""
+    """One stage of a campaign; its products are in the same folder."""
     from nearlift.run.engine import open_job, stage_of
     from nearlift.stages import STAGES
 

@@ -1,4 +1,4 @@
-"""A posterior to 4000 effective draws, whole process, beside emcee as a lab would write it.
+"""A posterior to 4000 effective draws, whole process, compared with emcee as a lab would write it.
 
 One simulated campaign near the ground (Sanchez-Cuevas with a free exponent, four throttles), its
 covariance known. Each contestant runs in a process of its own, imports included, and stops by its

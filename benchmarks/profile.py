@@ -1,7 +1,6 @@
-"""Where the time of `nearlift run` goes at the paper's size: every stage again by itself, a process
-each, beside the whole first run.
+"""Time of `nearlift run` at the paper's size: the whole first run, then each stage in a process.
 
-Each stage's process starts Python, reads the manifest, looks at every raw file's stamp, and tells
+Each stage's process starts Python, reads the manifest, looks at every raw file's stamp, and finds
 what is stale, which the whole run does once; `plan` does that and no more. Ingest that is run again
 hashes what it reads twice, so that bits that flipped on the disk show.
 """

@@ -1,5 +1,5 @@
-"""A rerun of an unchanged campaign beside its first run; and finding out, at the paper's size, that
-nothing has changed since ingest.
+"""A rerun of an unchanged campaign, compared with its first run; and the check that nothing has
+changed since ingest, at the paper's size.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
-"""Steps of the paper's Fig. 6 on one thread, beside the same simulation in scalar C compiled here
-with -O3.
+"""Steps of the paper's Fig. 6 on one thread, compared with the same simulation in scalar C.
 
 All contestants fly the paper's settings (ground and ceiling, no model and five powers, explicit
-Euler, 0.1 s, 120 s) and stop a flight when it crashes. "C" draws its normals per flight and setting
-(xoshiro256+ and Marsaglia's polar method) and evaluates the lift ratio by formula; "C, table"
-interpolates the same table that nearlift does. In nearlift all settings of a boundary meet the
-same gusts. Times are of flying alone.
+Euler, 0.1 s, 120 s) and stop a flight when it crashes. C is compiled here with -O3. "C" draws its
+normals per flight and setting (xoshiro256+ and Marsaglia's polar method) and evaluates the lift
+ratio by formula; "C, table" interpolates the same table that nearlift does. In nearlift all
+settings of a boundary meet the same gusts. Times are of flying alone.
 """
 
 from __future__ import annotations

@@ -1,9 +1,11 @@
-"""How well anybody could name one effect on these benches: an observer who knows the referee's
-forms, the noise, how large each effect can be and that there is one, but not which.
+"""Upper limit of how often one effect can be named, by an ideal observer.
+
+The observer knows the simulator's forms, the noise, the possible size of each effect, and that
+there is one effect, but not which.
 
     python -m tests.calibration.ideal --count 201 --seed 840000
 
-What such an observer misses no search can be asked for: other forms of other causes fit as well.
+No search can find what this observer misses: other causes in other forms fit as well.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from tests.calibration.simulator import Campaign, log_lift
 SHARES = (0.004, 0.015, 0.05, 0.12, 0.25, 0.45, 0.7, 1.0)
 #: How often a campaign has the foreign form.
 FOREIGN = 1 / 3
-#: 2 ln B to which an explanation stands beside the likeliest.
+#: Largest 2 ln B of the likeliest explanation over one that is listed with it.
 REACH = 9.0
 WEAKEST = 0.2
 
@@ -50,7 +52,7 @@ class Observer:
         self.null = self.chi2(None)
 
     def chi2(self, piece: Piece | None) -> float:
-        """Least sum of squared whitened residuals beside an effect of this form and size."""
+        """Least sum of squared whitened residuals with an effect of this form and size."""
         names = tuple(self.campaign.truth.theta)
         limits = np.array([oracle.LIMITS[n] for n in names])
         theta = np.array(list(self.campaign.truth.theta.values()))
@@ -102,7 +104,7 @@ class Observer:
 
 
 def assess(job: Job) -> list[Row]:
-    """One campaign: what the observer names, and what stands beside it, once with the printed forms
+    """One campaign: the effect that the observer names, and its rivals, once with the printed forms
     alone and once with both.
     """
     boundary, seed = job

@@ -1,4 +1,4 @@
-"""The example packages: installed as anybody would, without a network, and put to their own tests
+"""The example packages: installed as a user would, without a network, and put to their own tests
 and to the declarations' contract.
 """
 

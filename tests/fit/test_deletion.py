@@ -187,7 +187,7 @@ def test_shifts_are_those_of_dense_least_squares_without_the_trial_or_the_visit(
 
 @pytest.mark.parametrize("size", [0.0, 0.03, -0.05])
 def test_shifts_are_those_of_a_fit_without_the_trial(size):
-    """The curve is bent, so a trial that moves K_b by several u is foretold to a tenth of that, an
+    """The curve is bent, so the shift by a trial of several u is predicted to a tenth of it, an
     ordinary one to a hundredth of u.
     """
     data = campaign(3, visits=4)

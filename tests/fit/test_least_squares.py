@@ -72,7 +72,7 @@ def test_a_fit_is_that_of_all_unknowns_together():
 
 @pytest.mark.parametrize("scale", [1e-2, 1.0001, 50.0])
 def test_all_forces_times_c_scale_L_inf_and_nothing_else(scale):
-    """Scatter estimated anew each time: that too must follow the unit of force."""
+    """Scatter estimated again each time: that too must follow the unit of force."""
     data = campaign(3)
     other = dataclasses.replace(data, lift_N=scale * data.lift_N, u_lift_N=scale * data.u_lift_N)
     one, two = fit(MODEL, data, (DATUM,)), fit(MODEL, other, (DATUM,))

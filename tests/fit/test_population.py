@@ -1,5 +1,5 @@
 """Many campaigns together: the interval of the population's mean covers, shared errors do not
-average down, a spread is told from none.
+average down, a spread is distinguished from none.
 """
 
 from __future__ import annotations

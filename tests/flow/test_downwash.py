@@ -92,7 +92,7 @@ def test_the_true_downwash_of_the_picture_is_what_its_velocity_says():
 
 
 def test_the_picture_makes_no_air():
-    """A round jet over a tilted ground, beside another that makes its fountain."""
+    """A round jet over a tilted ground, with another that makes its fountain."""
     both = scene("ground", 2.6, 0.05)
     jet = partial(Wake(scene=both, speed_m_s=8.0)._jet, both.rotors_m[1])
     h = 1e-5

@@ -1,6 +1,4 @@
-"""The stage on files: known downwash comes back, nothing bad goes by unseen, and it runs where it
-is configured.
-"""
+"""The stage on files: known downwash comes back, bad input is reported, it runs if configured."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def contracted(half: float) -> VelocityField:
 
 @pytest.mark.parametrize("half", [0.72, 0.85, 1.0])
 def test_the_stagnation_zone_does_not_leak_up_beside_a_contracted_wake(half):
-    """Momentum theory's wake contracts to 0.71 r; the still air beside it reaches the rotor plane."""
+    """Momentum theory's wake contracts to 0.71 r; the still air around reaches the rotor plane."""
     zone = stagnation(contracted(half), GROUND, 8.0)
     # within a grid spacing of what was built
     assert zone.height_m / R == pytest.approx(0.5, abs=2e-3 / R)
@@ -165,7 +165,7 @@ def test_vectors_that_are_missing_everywhere_hardly_change_the_zone(flow, refere
 
 
 def test_vortices_are_seen_wherever_there_are_vectors():
-    """Beside the disks and above them too; not within a quarter radius of the rotor plane."""
+    """Next to the disks and above them, too; not within a quarter radius of the rotor plane."""
     for x, y in ((0.0325 + 1.2 * R, -0.04), (-0.0325, -0.5 * R - 0.012)):
         (found,) = vortices(field(swirl(x, y, 1.0)), GROUND, 8.0)
         assert (found.x_m, found.y_m) == pytest.approx((x, y), abs=3e-3)
@@ -222,7 +222,7 @@ def test_jets_lean_to_the_side_of_more_momentum():
 
 
 def test_a_blob_turns_as_it_says():
-    """Above the pair beside the fountain."""
+    """Above the pair next to the fountain."""
     turned = replace(WAKE, blobs=(Blob(x_hat=0.0, y_hat=-1.0, strength=0.15, size=0.3),))
     found = [v for v in vortices(mean_of(turned), GROUND, U) if abs(v.y_m / R + 1.0) < 0.4]
     assert [v.circulation_m2_s > 0 for v in found] == [True]

@@ -1,4 +1,4 @@
-"""What a design could see, foretold: against trials drawn at random and against closed forms."""
+"""Predicted power of a design, tested by trials drawn at random and by closed forms."""
 
 import dataclasses
 from types import SimpleNamespace

@@ -1,5 +1,5 @@
-"""Whether an answer rests on one trial or visit: what is told, and that it is what a new diagnosis
-without it says.
+"""Answers that depend on one trial or visit: what is reported is what a new diagnosis without it
+gives.
 """
 
 from dataclasses import replace

@@ -107,7 +107,7 @@ def test_the_zero_of_a_record_is_one_unknown_of_its_pieces(root: Path, tmp_path:
 
 
 def test_the_lowest_level_is_a_tare_between_the_others(tmp_path: Path) -> None:
-    """A zero that creeps by 0.1 N over the record is told by the rests around each piece."""
+    """A zero that creeps by 0.1 N over the record is estimated from the rests around each piece."""
     folder = write(tmp_path / "raw", (2.0,), (5, 40, 5, 60, 5, 80, 5))
     path = folder / "sweeps" / "r0.csv"
     names, *lines = path.read_text().splitlines()

@@ -1,4 +1,4 @@
-"""A step is told from noise and from a drift, by batch means."""
+"""A step is distinguished from noise and from a drift, by batch means."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outlying trials are told from noise, from its tails, and from effects that nobody declared."""
+"""Outlying trials are distinguished from noise, from its tails, and from undeclared effects."""
 
 from __future__ import annotations
 

@@ -478,7 +478,7 @@ def test_a_dead_channel_in_the_tare(part: slice) -> None:
 
 
 def test_a_tare_of_ordinary_noise_is_its_plain_mean() -> None:
-    """White, slow, humming, coarse: nothing is told of 1200 tares, which are drawn so that none
+    """White, slow, humming, coarse: no code is given to 1200 tares, which are drawn so that none
     would be by chance in 99 % of seeds.
     """
     rng = np.random.default_rng(22)

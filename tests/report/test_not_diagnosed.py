@@ -1,4 +1,4 @@
-"""A boundary that the loop cannot judge says why wherever a verdict would stand."""
+"""A boundary without a diagnosis has the reason wherever a verdict would be printed."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Compiled code is kept where nobody else can write, or nowhere; workers and readers end with the
-process that started them.
+"""Compiled code is kept where no other user can write, or not at all; workers and readers end with
+the process that started them.
 """
 
 from __future__ import annotations

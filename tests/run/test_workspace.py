@@ -1,6 +1,4 @@
-"""Products stand beside raw/, wherever in it the command is given; a campaign's folder is never
-written.
-"""
+"""Products are written next to raw/, from any folder in it; a campaign's folder is never written."""
 
 from __future__ import annotations
 

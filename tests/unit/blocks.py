@@ -1,4 +1,4 @@
-"""Code blocks of the documentation: found, told apart, run.
+"""Code blocks of the documentation: found, distinguished, run.
 
 ``sh`` blocks are run line by line, ``python`` blocks in one namespace per page, ``toml`` blocks are
 parsed, and where they are part of a manifest, checked as one. A ``text`` block is what the block

@@ -1,6 +1,4 @@
-"""Many campaigns beside each other: what they share stays shared, and the table, the file and the
-picture say the same.
-"""
+"""Comparison of many campaigns: shared errors stay shared; table, file and picture agree."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What is told while something takes its time: on a terminal what, how far and how long; elsewhere
-nothing.
-"""
+"""Progress on a terminal: the activity, its share and the time; elsewhere nothing."""
 
 from __future__ import annotations
 
