@@ -138,7 +138,7 @@ def test_levels():
         equal_nan=True,
     )
     assert crash_rate.level(z_hat, np.zeros(4), 0.1, 1e-3) == 1.0
-    with pytest.raises(UsageError, match=r"0.01 cannot be seen in 100 flights\n.*300"):
+    with pytest.raises(UsageError, match=r"0.01 is not detectable in 100 flights\n.*300"):
         crash_rate.refuse_few(0.01, 100)
     low, high = crash_rate.spread90(np.array([1.0] * 19 + [math.nan]))
     assert low == 1.0

@@ -420,7 +420,7 @@ def test_set_points_below_contact_are_refused():
             ManifestError,
             r"contact.ground: is missing.*counts as a crash\n.*\[vehicle\] contact",
         ),
-        ({"risks": [0.001]}, UsageError, "cannot be seen in 40 flights\n.*3000"),
+        ({"risks": [0.001]}, UsageError, "is not detectable in 40 flights\n.*3000"),
     ],
 )
 def test_contact_and_enough_flights_are_asked_for(remake, changes, error, words):

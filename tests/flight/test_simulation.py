@@ -135,7 +135,7 @@ def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
     [
         (CEILING_GAINS, "ground", r"gains.ground: kP = 316.*unstable.*too low must.*\n.*negative"),
         (GAINS["ground"], "ceiling", r"gains.ceiling.*too close must slow its rotors\n.*positive"),
-        (Gains(kP=-316, kD=316, kI=-31.6), "ground", "want one sign"),
+        (Gains(kP=-316, kD=316, kI=-31.6), "ground", "must have one sign"),
         (Gains(kP=0, kD=-316, kI=0), "ground", "without both"),
     ],
 )

@@ -163,7 +163,7 @@ def test_pivlab_is_believed_on_its_factors_not_on_its_unit_line(tmp_path):
         one(displaced)
     np.testing.assert_allclose(one(displaced, Setting(frame_time_s=1e-4)).vx_m_s, U, rtol=1e-5)
     pixels = put(tmp_path, FRAME.format("1", "1") + HEAD + table(X, Y, U, V, ONE, sep=","))
-    with pytest.raises(InputRefused, match="nothing says how large a pixel is"):
+    with pytest.raises(InputRefused, match="the size of a pixel is not stated"):
         one(pixels)
 
 
@@ -250,7 +250,7 @@ def test_insight_brings_its_own_scale_and_frame_time(tmp_path):
         (
             DANTEC + NAMES.replace("[m/s]", "") + table(*[X] * 12, sep=","),
             Setting(),
-            "nothing says how large a pixel is",
+            "the size of a pixel is not stated",
         ),
         (b"# x\ty\tu\tv\n\x00\x00\x00", Setting(), "holds zero bytes"),
         (FRAME.format("+", "0") + "1,1,2,3,1\n", Setting(), "line 2: has conversion factors that"),
@@ -300,7 +300,7 @@ def test_pivlab_matlab_version_5(tmp_path):
     assert (~first.valid == (X == 2)).all()
     np.testing.assert_allclose(second.vx_m_s, 2 * first.vx_m_s)
     savemat(tmp_path / "p.mat", content | {"typevector_original": cells(flags, flags)})
-    with pytest.raises(InputRefused, match="how large a pixel"):
+    with pytest.raises(InputRefused, match="the size of a pixel"):
         list(read(tmp_path / "p.mat"))
 
 

@@ -11,7 +11,6 @@ from tests.unit.manifests import manifest
 from nearlift.errors import InputRefused
 from nearlift.reduction import judge
 
-WEIGHT = 0.027 * 9.8
 FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}
 
 

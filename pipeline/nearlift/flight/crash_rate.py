@@ -53,7 +53,7 @@ def refuse_few(risk: float, flights: int) -> None:
         States how many flights would do.
     """
     if risk * flights < LEAST_CRASHES:
-        what = f"{risk:g} cannot be seen in {flights} flights"
+        what = f"a risk of {risk:g} is not detectable in {flights} flights"
         raise UsageError("risk", what, f"fly at least {math.ceil(LEAST_CRASHES / risk)}")
 
 

@@ -172,7 +172,7 @@ def conditions(
     hold_s, duration_s = gusts.hold_s, chosen.duration or published.duration * bare.time_s
     if duration_s < hold_s:
         what = f"{duration_s:g} s is shorter than one gust of {hold_s:g} s"
-        raise ManifestError("simulate.duration", what, "fly at least so long")
+        raise ManifestError("simulate.duration", what, "fly for at least one gust")
     steps = max(round(hold_s / chosen.step), 1) if chosen.step else like.steps_per_hold
     if chosen.step and abs(steps * chosen.step - hold_s) > 1e-9 * hold_s:
         what = f"{chosen.step:g} s is no whole part of the {hold_s:g} s for which a gust is held"

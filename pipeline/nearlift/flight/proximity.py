@@ -75,7 +75,7 @@ def refuse_folds(z_hat: FloatArray, ratio: FloatArray, where: str, constant: boo
     steep = np.flatnonzero(np.abs(change) > FLAT)
     if not len(steep) and not constant:
         what = "the model does not change with distance"
-        raise refused(what, "lift says nothing of this boundary")
+        raise refused(what, "lift does not depend on this boundary")
     against = steep[change[steep] * change[steep[-1:]] < 0]
     if len(against):
         turn = float(z_hat[against[-1] + 1])
@@ -143,7 +143,7 @@ def locate(measured: float, u: float, z_hat: FloatArray, ratio: FloatArray) -> H
         raise refused(
             f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between"
             f" {low:.4g} and {high:.4g}",
-            "lift has another cause, or its uncertainty is larger than said",
+            "lift has another cause, or its uncertainty is larger than stated",
         )
     # both evidences are relative to the larger of the likelihoods at the best height and without a
     # boundary, so that they cannot both underflow

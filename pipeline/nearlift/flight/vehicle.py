@@ -181,7 +181,7 @@ def refuse_unstable(gains: Gains, craft: Craft, boundary: Boundary) -> None:
     )
     if worst > POLE_ROUNDING:
         right, reason = RIGHT_SIGN[boundary]
-        remedy = "kP, kD and kI want one sign, and kD kP large enough for kI"
+        remedy = "kP, kD and kI must have one sign, and kD kP must be large enough for kI"
         if flipped <= POLE_ROUNDING:
             remedy = f"change the sign of all three: {right} at this boundary"
         what = f"{given}, kI = {gains.kI:g} make an unstable loop (a pole at {worst:+.3g} 1/s)"

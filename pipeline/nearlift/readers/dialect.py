@@ -313,7 +313,7 @@ def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, stric
         if None in numbers or not lines[at].strip():
             first = at + 1
     remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
-    raise _unfit(-1, where, "holds no row of numbers in any dialect known", remedy, NoRows)
+    raise _unfit(-1, where, "holds no row of numbers in any known dialect", remedy, NoRows)
 
 
 def _header(

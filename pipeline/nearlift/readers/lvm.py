@@ -56,7 +56,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     if not content.strip(b"\0"):
         return Contents(kind="LVM", codes=("EMPTY",))
     if not _is_lvm(content):
-        remedy = "`nearlift inspect FILE` says what it is"
+        remedy = "`nearlift inspect FILE` identifies it"
         raise InputRefused(f"{where}, line 1", f"is not {FIRST!r}: this is no LVM file", remedy)
     text = plain(content, where, UNSTATED)
     try:
@@ -166,7 +166,7 @@ def _channels(series: Mapping[str, _Series], several: bool) -> tuple[list[Channe
         if len(clock) > 2 and np.isfinite(clock).all():
             measured = rate_of(clock)
             if measured is None or rate is None or abs(measured / rate - 1) > 0.01:
-                remark = "X_Value has no steady rate that the header knows of"
+                remark = "X_Value and the header agree on no rate"
                 if rate and measured:
                     remark = f"the header says {rate:.6g} Hz, X_Value {measured:.6g} Hz"
                 notes.append(f"{remark}: the column is believed")

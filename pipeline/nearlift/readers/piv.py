@@ -623,7 +623,7 @@ def _factor(unit: str | None, dimension: str, known: Setting, where: str) -> flo
         return length / known.frame_time_s
     if unit == "px" or (head == "px" and dimension == "velocity"):
         if known.scale_m is None:
-            what = "is in pixels, and nothing says how large a pixel is"
+            what = "is in pixels, and the size of a pixel is not stated"
             raise _refusal(where, what, 'add scale = "20 um/px" under [piv]')
         return known.scale_m / (_factor(tail, "time", known, where) if tail else 1.0)
     try:

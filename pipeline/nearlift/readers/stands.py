@@ -108,7 +108,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
         return Contents(kind=stand.title, codes=("EMPTY",))
     if not _is_of(stand, content):
         what = f"has not the header of {stand.title}"
-        remedy = '`nearlift inspect FILE` says what it is; another version may want reader = "text"'
+        remedy = '`nearlift inspect FILE` identifies it; another version may need reader = "text"'
         raise InputRefused(f"{path}, line 1", what, remedy)
     columns = _header(content)
     trailing = columns[-1] == ""
