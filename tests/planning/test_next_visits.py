@@ -109,7 +109,7 @@ def test_the_share_that_goes_round_is_the_users(ingested):
     [
         (("--for", "K_x"), "no base model of this campaign has that coefficient"),
         (("--for", "separate"), "names no two explanations that it cannot distinguish"),
-        (("--for", "separate=supply_sag,supply_sag"), "wants two different effects"),
+        (("--for", "separate=supply_sag,supply_sag"), "needs two different effects"),
         (("--for", "separate", "--until", "1"), "is u of a coefficient"),
         (("--for", "K_b", "--csv", "--json"), "was asked for with --json"),
         (("--for", "separate=supply_sag,gain_drift"), "supply_sag cannot be tested"),
@@ -185,5 +185,5 @@ def test_nothing_to_plan_from_is_refused(make_job):
 def test_the_question_is_read_as_it_is_written():
     assert VisitQuestion.parsed("drift").pair == ("supply_sag", "gain_drift")
     assert VisitQuestion.parsed("separate= tilt , reynolds").pair == ("tilt", "reynolds")
-    with pytest.raises(UsageError, match="wants two different effects"):
+    with pytest.raises(UsageError, match="needs two different effects"):
         VisitQuestion.parsed("drift=tilt,reynolds")

@@ -71,7 +71,7 @@ def _range(name: str, values: FloatArray | None) -> tuple[float, float, float]:
         raise InputRefused(
             "levels.of",
             f"{name} hardly varies: {low:.4g} to {high:.4g}",
-            "take it out: no curve of it can be seen",
+            "take it out: a curve of it cannot be determined",
         )
     return low, middle, high
 

@@ -50,7 +50,7 @@ class VisitQuestion:
         if (word == DRIFT and names) or (pair and len(set(pair)) != 2):
             raise UsageError(
                 f"--for {text}",
-                "wants two different effects",
+                "needs two different effects",
                 "separate=supply_sag,gain_drift, or separate alone for those that the diagnosis"
                 " could not distinguish",
             )

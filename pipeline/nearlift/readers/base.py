@@ -257,7 +257,7 @@ def record_of(
     if rate and stated.sample_rate and abs(rate / stated.sample_rate - 1) > 0.01:
         raise InputRefused(
             where,
-            f"says that {channel.name!r} has {rate:.6g} Hz, the manifest says"
+            f"states that {channel.name!r} has {rate:.6g} Hz, the manifest says"
             f" {stated.sample_rate:g} Hz",
             "correct [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
             " ignore_rate = true } under [records]",

@@ -274,7 +274,7 @@ def reduced_trials(
         notes += more
         if cell.tare == "none":
             notes.append(
-                "the records have no tare: the zero of the force is unknown and wants an"
+                "the records have no tare: the zero of the force is unknown and needs an"
                 ' [[uncertainty]] on = "force"'
             )
         if 0 < (samples := round(campaign.tare_s * (cell.sample_rate or 0.0))) < FEW_OF_TARE:
