@@ -21,21 +21,19 @@ def prepare(data: Path, quick: bool) -> str:
     return f"All stages of {count} trials; ingest alone of {_paper.spoken(whole)}"
 
 
-def command(data: Path, verb: str, again: bool) -> list[str]:
+def command(data: Path, words: str, whole: bool, again: bool) -> list[str]:
     """A first run begins with nothing; the next finds what it left."""
-    campaign = data / (data / WHICH).read_text().splitlines()[0 if verb == "run" else 1]
-    out = data / "rerun-out" / ("run" if verb == "run" else "ingest")
+    campaign = data / (data / WHICH).read_text().splitlines()[whole]
+    out = data / "rerun-out" / ("ingest" if whole else "run")
     if not again:
         shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
-    return command_line(verb, str(campaign), "--out", str(out), "-q")
+    return command_line(*words.split(), str(campaign), "--out", str(out), "-q")
 
 
-def contestant(
-    name: str, title: str, verb: str, again: bool, rounds: int | None = None
-) -> Contestant:
+def contestant(name: str, title: str, words: str, whole: bool, again: bool) -> Contestant:
     return Contestant(
-        name=name, title=title, command=lambda data: command(data, verb, again), rounds=rounds
+        name=name, title=title, command=lambda data: command(data, words, whole, again), rounds=3
     )
 
 
@@ -45,11 +43,15 @@ BENCH = Bench(
     one="nearlift-first",
     rounds=3,
     contestants=(
-        contestant("nearlift-first", "first run, all stages", "run", again=False, rounds=3),
-        contestant("nearlift-again", "rerun, all stages", "run", again=True, rounds=3),
-        contestant("nearlift-ingest", "first ingest", "ingest", again=False, rounds=3),
+        contestant("nearlift-first", "first run, all stages", "run", whole=False, again=False),
+        contestant("nearlift-again", "rerun, all stages", "run", whole=False, again=True),
+        contestant("nearlift-ingest", "first ingest", "ingest", whole=True, again=False),
         contestant(
-            "nearlift-plan", "what is stale after that ingest", "plan", again=True, rounds=3
+            "nearlift-stale",
+            "what is stale after that ingest",
+            "run --dry-run",
+            whole=True,
+            again=True,
         ),
     ),
     targets=(
@@ -62,7 +64,7 @@ BENCH = Bench(
         ),
         Target(
             work="finding what is stale, paper's size, over its first ingest",
-            ours="nearlift-plan",
+            ours="nearlift-stale",
             peer="nearlift-ingest",
             must=0.5,
             aim=0.1,
