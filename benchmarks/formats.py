@@ -23,9 +23,9 @@ COUNT_MN = 0.01
 #: Library, the most that ingest may cost over it, and its bare read.
 PEERS = {
     "csv": (
-        "pyarrow",
+        "pandas",
         1.0,
-        "import pyarrow.csv as library\nfor file in files: library.read_csv(file)",
+        "import pandas as library\nfor file in files: library.read_csv(file)",
     ),
     "tdms": (
         "npTDMS",
@@ -174,7 +174,7 @@ BENCH = Bench(
     ),
     targets=tuple(
         Target(
-            work=f"{form} ingest of 1200 records over {library}'s bare read",
+            work=f"{form} ingest of 1200 records over a bare read by {library}",
             ours=f"nearlift-{form}",
             peer=form,
             quantity=quantity,

@@ -652,20 +652,21 @@ def visits(
 
     Without an order of the rows, all rows that agree in these are one stop.
     """
-    # the workers that import this module need no pandas
-    import pandas as pd
-
-    rows = pd.DataFrame({"boundary": boundary.astype(str), "z_m": z_m})
-    rows["session"] = "" if session is None else session
     if not ordered:
+        # a run that changes nothing needs no pandas, nor do workers
+        import pandas as pd
+
+        rows = pd.DataFrame({"boundary": boundary.astype(str), "z_m": z_m})
+        rows["session"] = "" if session is None else session
         rows["approach"] = 0.0 if approach is None else approach
         stops = rows.groupby([*rows], sort=False, dropna=False).ngroup()
         return np.asarray(stops, dtype=np.int64)
-    moved = (rows != rows.shift()).any(axis=1).to_numpy()
+    stated = [boundary.astype(str), z_m, *([] if session is None else [session])]
+    moved = np.any([column[1:] != column[:-1] for column in stated], axis=0)
     if approach is not None:
         # an unknown side is the one before
-        moved = moved | np.concatenate([[False], np.abs(np.diff(approach)) > 0])
-    return np.asarray(np.cumsum(moved) - 1, dtype=np.int64)
+        moved |= np.abs(np.diff(approach)) > 0
+    return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
 
 
 def _backwards(column: TextColumn, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
