@@ -33,9 +33,15 @@ from tests.imports import ROOT, imported, module_name, modules
 from tests.mutation.mutants import Mutant, drawn
 from tests.mutation.process import Order, Recorder, run_tests
 
-CORE = ("likelihood", "fit", "loop", "reduction", "models", "effects", "flight", "flow")
-#: Packages above the loop, and their tests.
-BEYOND = {"readers": "readers", "run": "run", "report/number.py": "report/test_one_number.py"}
+CORE = ("likelihood", "fit", "loop", "reduction", "models", "effects")
+#: Packages whose tests run stages, and these tests.
+BEYOND = {
+    "flight": "flight",
+    "flow": "flow",
+    "readers": "readers",
+    "run": "run",
+    "report/number.py": "report/test_number.py",
+}
 ROOMS = [Path("pipeline/nearlift") / room for room in (*CORE, *BEYOND)]
 ALL = [f"--beyond={tests}" for tests in BEYOND.values()]
 PAGE = ROOT / "docs" / "mutation.md"
@@ -81,14 +87,19 @@ def recorded(tree: Path, mutants: list[Mutant], limit_s: int) -> Record:
 
 
 def reaching(mutant: Mutant, record: Record) -> list[str]:
-    """The tests that run a mutant's line, modules of few seconds first."""
+    """The tests that run a mutant's line, modules of few seconds first.
+
+    Where none does, those of its module: a process that a test starts is not traced.
+    """
     name = module_name(ROOT / mutant.path)
     if mutant.is_constant or "nearlift.compiler" in imported(name):
         users = [path for user, path in modules().items() if user == name or name in imported(user)]
         reached = {path.relative_to(ROOT).as_posix() for path in users}
     else:
         reached = {f"{mutant.path.as_posix()}:{line}" for line in mutant.lines(ROOT)}
+    own = f"tests/{mutant.path.parent.name}/test_{mutant.path.name}::"
     tests = [t for t, (_, ran) in record.items() if reached & {*ran}]
+    tests = tests or [t for t in record if t.startswith(own)]
     total_s: dict[str, float] = defaultdict(float)
     for test in tests:
         total_s[test.split("::")[0]] += record[test][0]
