@@ -51,6 +51,15 @@ FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60),
 ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
+def test_a_file_whose_places_name_two_trials_is_no_record(tmp_path: Path) -> None:
+    for folder, name in (("a", "a"), ("a", "b")):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / f"{name}.csv").write_text("force\n1\n")
+    (note,) = files.unlisted(tmp_path, "{trial}/{trial}.csv", ["c"], "trials.csv")
+    assert "a/a.csv" in note
+    assert "a/b.csv" not in note
+
+
 @pytest.mark.parametrize(
     ("name", "content", "column"),
     [

@@ -72,6 +72,8 @@ def test_a_changed_trial_runs_all_that_depends_on_it(place):
     assert list(why) == EVERY
     assert why["ingest"] == f"trials/{record.name} has changed"
     assert why["fit"] == "ingest will run"
+    edit(place / "raw" / "trials.csv", ",25,", ",25.0,")
+    assert stale(place)["ingest"].endswith(" has changed and 1 more")
 
 
 def test_a_stage_whose_product_comes_out_as_it_was_stops_the_run(place):
