@@ -187,7 +187,7 @@ def page(mutants: list[Mutant], results: Mapping[str, str | None], seed: int) ->
         "# Seeded mutants",
         "",
         "`make mutate` changes one place of the core at a time, in a copy: a comparison, an operator, a sign, a constant, a dropped term,",
-        "a number off by one. It runs the tests of `make check` that reach the changed line; for `readers`, `run` and the printed number, those of that package.",
+        "a number off by one. It runs the tests of `make check` that reach the changed line; for packages whose tests run stages, those of that package.",
         "",
         f"**{killed} of {len(mutants)} killed** (seed {seed}); {alike} more change nothing.",
         "",
