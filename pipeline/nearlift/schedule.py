@@ -652,21 +652,18 @@ def visits(
 
     Without an order of the rows, all rows that agree in these are one stop.
     """
-    if not ordered:
-        # a run that changes nothing needs no pandas, nor do workers
-        import pandas as pd
-
-        rows = pd.DataFrame({"boundary": boundary.astype(str), "z_m": z_m})
-        rows["session"] = "" if session is None else session
-        rows["approach"] = 0.0 if approach is None else approach
-        stops = rows.groupby([*rows], sort=False, dropna=False).ngroup()
-        return np.asarray(stops, dtype=np.int64)
     stated = [boundary.astype(str), z_m, *([] if session is None else [session])]
+    if not ordered:
+        stated += [] if approach is None else [approach]
+        labels = [np.unique(column, return_inverse=True)[1] for column in stated]
+        _, first, label = np.unique(labels, axis=1, return_index=True, return_inverse=True)
+        # numbered as they come
+        return np.argsort(np.argsort(first))[label].astype(np.int64)
     moved = np.any([column[1:] != column[:-1] for column in stated], axis=0)
     if approach is not None:
         # an unknown side is the one before
         moved |= np.abs(np.diff(approach)) > 0
-    return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
+    return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)[: len(boundary)]
 
 
 def _backwards(column: TextColumn, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
