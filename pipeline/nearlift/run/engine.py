@@ -424,9 +424,10 @@ def run(
     ledger = _ledger(job)
     is_stale = force or any(why_stale(job, stage, ledger) for stage in stages)
     with locked(job) if is_stale else contextlib.nullcontext():
-        for stage in stages:
+        if is_stale:
             # another run may have ended since
-            ledger = _ledger(job) if is_stale else ledger
+            ledger = _ledger(job)
+        for stage in stages:
             why = why_stale(job, stage, ledger) if is_stale else ""
             if not (why or force):
                 record = ledger.stages[stage.name]
@@ -437,7 +438,7 @@ def run(
             made_of, start = material(job, stage), time.perf_counter()
             files, outcome = _computed(job, stage)
             wall_s = time.perf_counter() - start
-            _commit(job, stage, ledger, made_of, files, outcome, wall_s)
+            ledger = _commit(job, stage, ledger, made_of, files, outcome, wall_s)
             yield Step(stage=stage, why=why or "asked for", outcome=outcome, wall_s=wall_s)
 
 
@@ -472,8 +473,10 @@ def _commit(
     files: Mapping[str, bytes | None],
     outcome: Outcome,
     wall_s: float,
-) -> None:
-    """Write a stage's files between two ledgers: one without its record, and one with it."""
+) -> ProvenanceLedger:
+    """Write a stage's files between two ledgers: one without its record, and one with it, which is
+    returned.
+    """
     from nearlift.results.provenance import ProvenanceLedger, StageRecord
 
     order = [s.name for s in job.stages]
@@ -507,6 +510,7 @@ def _commit(
     )
     complete = replace(without, stages={n: records[n] for n in order if n in records})
     tables.write_whole(job.processed / LEDGER, tables.json_bytes(complete))
+    return complete
 
 
 @contextlib.contextmanager
