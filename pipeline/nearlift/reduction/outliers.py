@@ -86,7 +86,7 @@ def screen(
     """
     n = len(log_lift)
     out, departure, sigmas = np.zeros(n, dtype=bool), np.full(n, np.nan), np.full(n, np.nan)
-    cell = np.unique(np.stack([throttle, z_hat]), axis=1, return_inverse=True)[1]
+    cell = _cells(z_hat, throttle)
     while True:
         value = np.where(out, np.nan, log_lift)
         by_cell = value - _median_of_others(value, cell)
@@ -129,12 +129,16 @@ def odd_visits(
 
     No outliers yet: an undeclared drift does as much. Arguments as for `screen`.
     """
-    cell = np.unique(np.stack([throttle, z_hat]), axis=1, return_inverse=True)[1]
-    off = log_lift - _median_of_others(log_lift, cell)
+    off = log_lift - _median_of_others(log_lift, _cells(z_hat, throttle))
     labels = np.unique(visit[np.isfinite(off)])
     common = np.array([abs(np.nanmedian(off[visit == label])) for label in labels])
     scale = SD_PER_MAD * median(common) if len(common) else 0.0
     return labels[common > max(ODD_VISIT * scale, SMALLEST_SCALE)]
+
+
+def _cells(z_hat: FloatArray, throttle: FloatArray) -> IntArray:
+    """Index of each trial's (distance, throttle) cell."""
+    return np.unique(np.stack([throttle, z_hat]), axis=1, return_inverse=True)[1].astype(np.int64)
 
 
 def _scaled(comparisons: list[FloatArray], throttle: FloatArray) -> tuple[FloatArray, FloatArray]:
