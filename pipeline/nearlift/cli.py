@@ -150,12 +150,12 @@ def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> No
 
 def dialect_of(text: str) -> dict[str, object]:
     """Dialect of ``--dialect``, with or without its braces; `UsageError` if it is no TOML."""
-    from nearlift.campaign import parsing
+    from nearlift.campaign import manifest as manifests
     from nearlift.errors import ManifestError
 
     table = text if text.strip().startswith("{") else f"{{ {text} }}"
     try:
-        dialect: dict[str, object] = parsing.loads(f"dialect = {table}".encode(), "it")["dialect"]
+        dialect: dict[str, object] = manifests.loads(f"dialect = {table}".encode(), "it")["dialect"]
     except ManifestError as fault:
         what = f"{brief(repr(text))} is not as a manifest has it: {fault.what}"
         remedy = """such as --dialect 'separator = "semicolon", decimal = ","'"""
@@ -407,8 +407,8 @@ def _explain(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
 
 def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
     """Distance of the boundary by one reading; quantities are texts, as in the manifest."""
-    from nearlift.campaign.forecasts import LiftReading
-    from nearlift.campaign.parsing import validated
+    from nearlift.campaign.choices import LiftReading
+    from nearlift.campaign.manifest import validated
     from nearlift.flight.proximity import read
     from nearlift.results.document import as_json
     from nearlift.stages.diagnose import quoted_lifts

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
+from nearlift.campaign.choices import FitChoice
 from nearlift.campaign.manifest import Campaign, boundaries_of
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ManifestError
@@ -140,12 +141,10 @@ def interim_progress(trials: Trials, campaign: Campaign, boundary: Boundary) -> 
 
 def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[LiftModel, ...]]:
     """Base model and rivals of one boundary: the manifest's, else the vehicle's defaults."""
-    chosen = campaign.fit.choice(boundary)
+    chosen: FitChoice = getattr(campaign.fit, boundary)
     vehicle, geometry = campaign.vehicle, campaign.geometry()
-    base = catalogue.model(
-        chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors)
-    )
-    names: Iterable[str] | None = chosen.rivals if chosen else None
+    base = catalogue.model(chosen.base or catalogue.default_base(boundary, vehicle.rotors))
+    names: Iterable[str] | None = chosen.rivals
     if names is None:
         names = catalogue.default_rivals(boundary, vehicle.rotors, geometry)
     rivals = tuple(catalogue.model(name) for name in names)

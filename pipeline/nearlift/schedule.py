@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from nearlift import units
 from nearlift.campaign.manifest import Campaign
-from nearlift.campaign.segments import ColumnOfRecord, Segments
+from nearlift.campaign.rig import ColumnOfRecord, Segments
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray, IntArray
 from nearlift.errors import InputRefused, ManifestError, NearliftError, brief, did_you_mean
 from nearlift.nomenclature import CARRIED
@@ -344,8 +344,8 @@ def columns_from_record(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
     `ManifestError` for an unknown name, a missing unit, and one name twice.
     """
     columns: dict[str, tuple[ColumnOfRecord, str]] = {}
-    if cut.has_level:
-        columns[cut.becomes] = cut.level(), "segments"
+    if cut.level is not None:
+        columns[cut.becomes] = cut.level, "segments"
     for name, column in cut.columns.items():
         key = f"segments.columns.{name}"
         if name not in BRINGABLE:

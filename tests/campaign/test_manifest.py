@@ -49,7 +49,7 @@ def test_it_is_frozen():
 
 
 def test_geometry_of_four_rotors():
-    known = good().vehicle.geometry()
+    known = good().geometry()
     assert known["spacing_hat"] == pytest.approx(65 / 23)
     assert known["diagonal_hat"] == pytest.approx(math.sqrt(2) * 65 / 23)
     layout = known["layout_hat"]
@@ -59,31 +59,31 @@ def test_geometry_of_four_rotors():
 
 
 def test_given_diagonal_wins():
-    assert good(rotor_diagonal="92 mm").vehicle.geometry()["diagonal_hat"] == pytest.approx(4.0)
+    assert good(rotor_diagonal="92 mm").geometry()["diagonal_hat"] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("rotors", [2, 6, 8])
 def test_opposite_spacing_of_other_rings(rotors):
-    known = good(rotors=rotors).vehicle.geometry()
+    known = good(rotors=rotors).geometry()
     layout = known["layout_hat"]
     assert layout.shape == (rotors, 2)
     assert np.linalg.norm(layout[0] - layout[rotors // 2]) == pytest.approx(known["diagonal_hat"])
 
 
 def test_one_rotor_has_a_layout_and_no_spacing():
-    assert set(good(rotors=1, rotor_spacing=None).vehicle.geometry()) == {"layout_hat"}
+    assert set(good(rotors=1, rotor_spacing=None).geometry()) == {"layout_hat"}
 
 
 def test_positions_are_taken_as_they_are():
     known = good(
         rotors=2, rotor_spacing=None, rotor_positions=[["0 mm", "0 mm"], ["46 mm", "23 mm"]]
-    ).vehicle.geometry()
+    ).geometry()
     np.testing.assert_allclose(known["layout_hat"], [[0, 0], [2, 1]])
     assert "spacing_hat" not in known
 
 
 def test_no_geometry_is_invented():
-    assert good(rotor_spacing=None).vehicle.geometry() == {}
+    assert good(rotor_spacing=None).geometry() == {}
 
 
 def test_gap_and_edge_are_geometry_where_the_rig_gives_them():

@@ -16,7 +16,7 @@ from tests.unit.manifests import raw_manifest
 
 from nearlift import catalogue
 from nearlift.campaign import manifest
-from nearlift.campaign.forecasts import Simulate
+from nearlift.campaign.choices import Simulate
 from nearlift.declare import compose
 from nearlift.errors import ManifestError, UsageError
 from nearlift.flight import fitted, paper

@@ -17,7 +17,7 @@ from tests.unit import quoted, small_run
 from tests.unit.small_run import nearlift
 
 from nearlift import catalogue
-from nearlift.campaign.forecasts import LiftReading
+from nearlift.campaign.choices import LiftReading
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flight.proximity import (
     BoundarySensor,

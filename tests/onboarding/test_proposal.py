@@ -11,9 +11,9 @@ import pytest
 from tests.unit import sweeps, written
 from tests.unit.small_run import nearlift
 
-from nearlift.campaign.parsing import validated
+from nearlift.campaign.manifest import validated
 from nearlift.campaign.piv import Piv
-from nearlift.campaign.segments import Segments
+from nearlift.campaign.rig import Segments
 from nearlift.onboarding.inspection import inspect
 from nearlift.onboarding.shown import block, notes
 

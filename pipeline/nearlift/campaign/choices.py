@@ -1,14 +1,21 @@
-"""Choices of the manifest, each with a default: fit, levels, report, quality, closed loop."""
+"""Choices of the manifest, each with a default: fit, levels, report, quality, closed loop, and the
+predictions of `[design]`, `[simulate]` and `[detect]`.
+"""
 
 from __future__ import annotations
 
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
-from nearlift.campaign.quantities import PositiveLength, Section
+from nearlift.campaign import quantities as si
+from nearlift.campaign.quantities import Section
 from nearlift.declare import Boundary
+
+Positive = Annotated[float, Field(gt=0)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+Rare = Annotated[float, Field(gt=0, lt=0.5)]
 
 
 class Levels(Section):
@@ -19,8 +26,8 @@ class Levels(Section):
     """
 
     by: Literal["throttle", "curve"]
-    of: list[str] = ["throttle"]
-    degree: Annotated[int, Field(ge=1, le=4)] | None = None
+    of: Annotated[list[str], si.Distinct] = ["throttle"]
+    degree: int | None = Field(default=None, ge=1, le=4)
 
     @model_validator(mode="after")
     def _of_a_curve(self) -> Self:
@@ -29,8 +36,6 @@ class Levels(Section):
             raise ValueError(f'{" and ".join(sorted(given))} go with by = "curve"')
         if "throttle" not in self.of:
             raise ValueError('of needs "throttle": without it all throttles would share one L_inf')
-        if len(set(self.of)) < len(self.of):
-            raise ValueError("of names a column twice")
         return self
 
 
@@ -48,17 +53,12 @@ class FitOptions(Section):
     posterior.nc as well.
     """
 
-    ground: FitChoice | None = None
-    ceiling: FitChoice | None = None
-    sidewall: FitChoice | None = None
+    ground: FitChoice = FitChoice()
+    ceiling: FitChoice = FitChoice()
+    sidewall: FitChoice = FitChoice()
     ess: int = Field(default=4000, ge=100, le=1_000_000)
     steps: int = Field(default=20_000, ge=400, le=10_000_000)
     netcdf: bool = False
-
-    def choice(self, boundary: Boundary) -> FitChoice | None:
-        """The choice of models for one boundary, if there is one."""
-        chosen: FitChoice | None = getattr(self, boundary)
-        return chosen
 
 
 class Overlay(Section):
@@ -95,8 +95,8 @@ class Units(Section):
 class Report(Section):
     """Figures of the report: widths of one column (3.25 in) and of the whole text (6.75 in)."""
 
-    column_width: PositiveLength = Field(default=0.08255, ge=0.05, le=0.5)
-    full_width: PositiveLength = Field(default=0.17145, ge=0.05, le=0.5)
+    column_width: si.PositiveLength = Field(default=0.08255, ge=0.05, le=0.5)
+    full_width: si.PositiveLength = Field(default=0.17145, ge=0.05, le=0.5)
     units: Units = Units()
     overlay: list[Overlay] = []
 
@@ -108,10 +108,10 @@ class Quality(Section):
     `exclude` maps the ids of excluded trials to the reasons; a list of ids gives none.
     """
 
-    drift: float = Field(default=0.05, gt=0)
-    missing: float = Field(default=0.05, gt=0, lt=1)
+    drift: Positive = 0.05
+    missing: Probability = 0.05
     out_of_range: float = Field(default=0.01, ge=0, lt=1)
-    height: float = Field(default=0.02, gt=0)
+    height: Positive = 0.02
     near_reference: bool = False
     exclude: dict[str, str] = {}
 
@@ -128,6 +128,143 @@ class Diagnose(Section):
     `planned_trials` is the final number of trials, if the schedule does not list all of them.
     """
 
-    false_alarm_rate: float = Field(default=0.05, gt=0, lt=1)
+    false_alarm_rate: Probability = 0.05
     planned_trials: int | None = Field(default=None, ge=1)
     not_feasible: list[Literal["closer", "farther", "both directions"]] = []
+
+
+class PlannedNoise(Section):
+    """Expected scatter of trials: proportional to lift, additive, and of a visit's height."""
+
+    relative: si.Share
+    force: si.Scatter = 0.0
+    height: si.Length = 0.0
+
+
+class Planned(Section):
+    """A planned campaign for `nearlift design`.
+
+    `distances` are readings of the traverse; one that is listed twice is visited twice a round.
+    `lift` is L_inf at each throttle. `supply` is the range within each session, `temperature` over
+    the campaign; `tilt` lists the values of visits.
+    """
+
+    distances: dict[Boundary, Annotated[list[si.Length], Field(min_length=1)]] = Field(min_length=1)
+    throttles: Annotated[list[si.Share], Field(min_length=1), si.Distinct]
+    lift: list[si.Force] | None = None
+    visits: int = Field(default=15, ge=1, le=10_000)
+    sessions: int = Field(default=5, ge=1, le=10_000)
+    trial: si.Duration = 20.0
+    move: si.Duration = 8.0
+    change: si.Duration = 300.0
+    overshoot: si.Length | None = None
+    supply: list[si.Voltage] | None = Field(default=None, min_length=2, max_length=2)
+    temperature: list[si.Temperature] | None = Field(default=None, min_length=2, max_length=2)
+    tilt: list[si.Angle] | None = None
+    logs: list[str] = []
+    noise: PlannedNoise | None = None
+    expected: dict[Boundary, dict[str, float]] = {}
+
+    @model_validator(mode="after")
+    def _lift_of_each_throttle(self) -> Self:
+        if self.lift is not None and len(self.lift) != len(self.throttles):
+            raise ValueError(
+                f"lift lists {len(self.lift)} values for {len(self.throttles)} throttles"
+            )
+        return self
+
+
+def _no_wall(boundary: Boundary) -> Boundary:
+    if boundary == "sidewall":
+        raise ValueError("flights go up and down: ground or ceiling")
+    return boundary
+
+
+Flown = Annotated[Boundary, AfterValidator(_no_wall)]
+
+
+class GainSet(Section):
+    """Gains of Eq. 5 at one boundary, negative above a ground, positive below a ceiling."""
+
+    proportional: si.ProportionalGain
+    derivative: si.DerivativeGain
+    integral: si.IntegralGain
+
+
+class Gusts(Section):
+    """The random vertical force: standard deviation, N; hold time and correlation time, s."""
+
+    sd: si.Force
+    hold: si.PositiveDuration
+    correlation: si.Duration = 0.0
+
+
+class Simulate(Section):
+    """Simulated flights near the boundaries.
+
+    Without gains or gusts, a vehicle gets the paper's at equal dimensionless groups. Gains and
+    gusts are those of the vehicle without payload. With another `mass` in flight, `scale_gains`
+    keeps the poles of the control loop.
+    """
+
+    flights: int = Field(default=1000, ge=20, le=1_000_000)
+    presets: Annotated[list[Literal["paper", "converged"]], si.Distinct] = ["paper", "converged"]
+    gains: dict[Flown, GainSet] = {}
+    gusts: Gusts | None = None
+    mass: si.Mass | None = None
+    scale_gains: bool = True
+    lift_coefficient: Positive = 1.6
+    step: si.PositiveDuration | None = None
+    duration: si.PositiveDuration | None = None
+    set_points: dict[Flown, Annotated[list[Positive], Field(min_length=2), si.Ascending]] = {}
+    bound_z_hat: dict[Flown, Positive] = {}
+    draws: int = Field(default=16, ge=2, le=100_000)
+    risks: Annotated[list[Probability], Field(min_length=1), si.Distinct] = [0.5, 0.01]
+    supply_end: si.Voltage | None = None
+    roll_inertia: si.Inertia | None = None
+    roll_inertia_uncertainty: si.Fraction | None = None
+
+
+class LiftReading(Section):
+    """A measured lift ratio or hover throttle, to be converted to a distance.
+
+    `u` is the standard uncertainty of the ratio or throttle, a fraction. `weight` and `supply` are
+    relative standard uncertainties, for a throttle only (default: the first of [detect]'s lists).
+    `mass` includes the payload, kg.
+    """
+
+    boundary: Boundary
+    ratio: Positive | None = None
+    throttle: si.Share | None = None
+    u: si.Fraction
+    weight: si.Fraction | None = None
+    supply: si.Fraction | None = None
+    mass: si.Mass | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.ratio is None) == (self.throttle is None):
+            raise ValueError(
+                'takes a ratio or a throttle, one of both\nratio = 1.12, or throttle = "55 percent"'
+            )
+        return self
+
+
+Supply = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
+
+
+class Detect(Section):
+    """Detection of a boundary from lift or hover throttle; uncertainties are standard, fractions.
+
+    `false_alarm_rate` is per decision; `significant` is the smallest change of lift that matters.
+    """
+
+    false_alarm_rate: Rare = 0.01
+    miss_rate: Rare = 0.1
+    significant: si.Share = 0.02
+    averaging: list[si.Duration] = [0.01, 0.1, 1.0, 10.0, 100.0]
+    force_noise: si.Force | None = None
+    force_bandwidth: si.Rate | None = None
+    payload: list[si.Fraction] = Field(default=[0.0, 0.01, 0.05], min_length=1)
+    supply: Annotated[list[si.Fraction], Supply, Field(min_length=1)] = [0.0]
+    reading: list[LiftReading] = []

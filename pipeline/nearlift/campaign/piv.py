@@ -6,40 +6,15 @@ thrust. The wake is at negative y for upright and inverted vehicles alike.
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from nearlift import units
-from nearlift.campaign.quantities import (
-    Angle,
-    Fraction,
-    Length,
-    Position,
-    PositiveDuration,
-    PositiveLength,
-    Rate,
-    Section,
-    as_fault,
-    positive,
-)
-from nearlift.errors import brief
+from nearlift.campaign import quantities as si
+from nearlift.campaign.quantities import Section
 
-
-def _pixel_size(value: object) -> float:
-    length, _, per = value.rpartition("/") if isinstance(value, str) else ("", "", "")
-    if per.strip() not in ("px", "pix", "pixel") or not length.strip():
-        raise ValueError(f'{brief(repr(value))} is not a length per pixel; write it as "20 um/px"')
-    with as_fault():
-        return units.quantity(length, "length", "scale")
-
-
-PixelSize = Annotated[float, BeforeValidator(_pixel_size), AfterValidator(positive)]
-Rectangle = Annotated[tuple[Length, Length, Length, Length], Field(strict=False)]
+Rectangle = Annotated[tuple[si.Length, si.Length, si.Length, si.Length], Field(strict=False)]
 Direction = Literal["+x", "-x", "+y", "-y"]
-PivBoundary = Literal["ground", "ceiling", "none"]
 
 
 class PivConventions(Section):
@@ -60,42 +35,34 @@ class PivConventions(Section):
     format: str | None = None
     length_unit: str | None = None
     velocity_unit: str | None = None
-    scale: PixelSize | None = None
-    frame_time: PositiveDuration | None = None
+    scale: si.PixelSize | None = None
+    frame_time: si.PositiveDuration | None = None
     v_sign: Literal[1, -1] | None = None
     thrust: Direction | None = None
     across: Direction | None = None
-    origin: Position | None = None
-    rotors: list[Length] | None = None
+    origin: si.Position | None = None
+    rotors: list[si.Length] | None = None
     mask: list[Rectangle] | None = None
     mirror: Literal["left", "right"] | None = None
-    rate: Rate | None = None
+    rate: si.Rate | None = None
 
 
 class PivCase(PivConventions):
     """The fields of one boundary, distance and tilt (positive: +x side farther from it)."""
 
-    name: str
-    boundary: PivBoundary
+    name: str = Field(pattern=r"^[a-zA-Z0-9][a-zA-Z0-9._+-]*$")
+    boundary: Literal["ground", "ceiling", "none"]
     z_hat: float | None = Field(default=None, gt=0)
-    tilt: Angle = 0.0
+    tilt: si.Angle = 0.0
     files: str
 
     @model_validator(mode="after")
     def _distance_known(self) -> Self:
-        if not re.fullmatch(r"[a-zA-Z0-9][a-zA-Z0-9._+-]*", self.name):
-            raise ValueError(
-                f"name {self.name!r} is not made of letters, digits, '-', '+', '_' and '.'"
-            )
         if (self.z_hat is None) != (self.boundary == "none"):
-            raise ValueError(
-                f'case {self.name!r}: boundary = "{self.boundary}" '
-                + (
-                    "has no distance: leave z_hat out"
-                    if self.boundary == "none"
-                    else "needs z_hat, rotor plane to boundary over rotor radius"
-                )
-            )
+            need = "needs z_hat, rotor plane to boundary over rotor radius"
+            if self.z_hat is not None:
+                need = "has no distance: leave z_hat out"
+            raise ValueError(f'case {self.name!r}: boundary = "{self.boundary}" {need}')
         return self
 
 
@@ -111,26 +78,23 @@ class Piv(PivConventions):
     """
 
     control: str
-    below: PositiveLength | None = None
-    half_span: PositiveLength | None = None
-    u_position: PositiveLength | None = None
-    u_scale: Fraction = 0.0
+    below: si.PositiveLength | None = None
+    half_span: si.PositiveLength | None = None
+    u_position: si.PositiveLength | None = None
+    u_scale: si.Fraction = 0.0
     outliers: float = Field(default=3.0, ge=0)
     figure3: list[str] | None = None
     case: list[PivCase] = Field(min_length=1)
 
     @model_validator(mode="after")
     def _cases_known(self) -> Self:
-        names = [c.name for c in self.case]
-        if len(set(names)) != len(names):
-            raise ValueError(
-                "two cases have the same name:"
-                f" {', '.join(sorted(n for n, k in Counter(names).items() if k > 1))}"
-            )
+        cases = {c.name: c for c in self.case}
+        if len(cases) != len(self.case):
+            raise ValueError(f"two cases have the same name; they are {', '.join(cases)}")
         for wanted in (self.control, *(self.figure3 or ())):
-            if wanted not in names:
-                raise ValueError(f"there is no case {wanted!r}; cases are {', '.join(names)}")
-        if next(c for c in self.case if c.name == self.control).boundary != "none":
+            if wanted not in cases:
+                raise ValueError(f"there is no case {wanted!r}; cases are {', '.join(cases)}")
+        if cases[self.control].boundary != "none":
             raise ValueError(f'the control {self.control!r} must have boundary = "none"')
         for case in self.case:
             for key in ("thrust", "origin", "rotors"):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nearlift.campaign.forecasts import Simulate
+from nearlift.campaign.choices import Simulate
 from nearlift.declare import BoolArray, Boundary
 from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate, energy, paper

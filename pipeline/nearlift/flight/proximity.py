@@ -25,7 +25,7 @@ from functools import partial
 
 import numpy as np
 
-from nearlift.campaign.forecasts import Detect, LiftReading
+from nearlift.campaign.choices import Detect, LiftReading
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
 from nearlift.flight.quoted_lift import QuotedLifts

@@ -9,14 +9,13 @@ and no number of repeats averages it down.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.campaign.uncertainty import INPUTS_WITH_UNIT, Uncertainty
+from nearlift.campaign.rig import Uncertainty
 from nearlift.declare import FloatArray
 from nearlift.results import IntArray, Observations
 
@@ -119,8 +118,8 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
 def _declared(u: Uncertainty, campaign: Campaign) -> Component:
     vehicle = campaign.vehicle
     standard = u.standard()
-    if u.on in INPUTS_WITH_UNIT and not u.relative:
-        standard /= campaign.nominal(u.on) or math.nan
+    if not u.relative:
+        standard /= campaign.nominal(u.on) or 1.0
     given = {"diagonal_hat": vehicle.rotor_diagonal, "layout_hat": vehicle.rotor_positions}
     moves = ("spacing_hat", *(name for name, value in given.items() if value is None))
     return Component(

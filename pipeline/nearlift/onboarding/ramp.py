@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.campaign.segments import FEWEST_SAMPLES
+from nearlift.campaign.rig import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
 from nearlift.readers.base import AS_FORCE, Channel, fold, split_unit
 from nearlift.readers.sweep import AT_REST, is_sweep, levels_of

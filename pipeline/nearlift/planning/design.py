@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from nearlift.campaign.forecasts import Planned
+from nearlift.campaign.choices import Planned
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged, UsageError

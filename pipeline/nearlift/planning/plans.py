@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from nearlift import units
-from nearlift.campaign.forecasts import Planned
+from nearlift.campaign.choices import Planned
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError

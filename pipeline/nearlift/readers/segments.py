@@ -17,7 +17,7 @@ import numpy as np
 
 from nearlift import units
 from nearlift.campaign.manifest import Campaign
-from nearlift.campaign.segments import FEWEST_SAMPLES, Segments
+from nearlift.campaign.rig import FEWEST_SAMPLES, Segments
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
@@ -192,7 +192,10 @@ def _edges(
     if section.cut == "windows":
         return values, [(head, n)]
     if section.column is None:
-        step, steps = section.step_N(), np.abs(np.diff(values[head:][np.isfinite(values[head:])]))
+        step, steps = (
+            section.step or 0.0,
+            np.abs(np.diff(values[head:][np.isfinite(values[head:])])),
+        )
         grain = float(steps[steps > 0].min(initial=np.inf))
         # of a coarse converter every code would be a plateau
         if np.count_nonzero(steps) < 0.5 * len(steps) and step < 3 * grain * (1 - 1e-9) < np.inf:
@@ -320,8 +323,8 @@ def schedule_of_trials(
     columns.setdefault("session", TextColumn("session", records, file, lines))
     for name in bring:
         values = np.array([piece.brought.get(name, np.nan) for piece in trials])
-        if name == section.becomes and section.has_level and section.tolerance > 0:
-            factor, _ = section.level().linear(dimension_of(name), "segments")
+        if name == section.becomes and section.level and section.tolerance > 0:
+            factor, _ = section.level.linear(dimension_of(name), "segments")
             _join_levels(values, section.tolerance * abs(factor) * (1 + 1e-9))
         texts = ["" if value != value else repr(value) for value in values.tolist()]
         unit = units.SI[dimension] if (dimension := dimension_of(name)) else ""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nearlift.campaign.segments import FEWEST_SAMPLES
+from nearlift.campaign.rig import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
 from nearlift.reduction import contamination
 from nearlift.reduction.mean_noise import RecordPart, outlasting, part_of

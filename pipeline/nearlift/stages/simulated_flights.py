@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import replace
 
-from nearlift.campaign.forecasts import Simulate
+from nearlift.campaign.choices import Simulate
 from nearlift.campaign.manifest import boundaries_of
 from nearlift.declare import Boundary
 from nearlift.flight import paper
