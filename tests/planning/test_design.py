@@ -134,7 +134,7 @@ def test_a_plan_without_a_plan_is_refused(plan, tmp_path):
         ),
         (
             ('throttles = ["25 percent", "50', 'throttles = ["50 percent", "50'),
-            "a throttle is listed twice",
+            "design.throttles: names one of its values twice",
         ),
         (("visits = 5", "visits = 0"), "design.visits"),
         (('"26 mm", ', '"26", '), "design.distances"),
