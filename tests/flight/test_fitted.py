@@ -447,7 +447,7 @@ def test_contact_is_measured_from_the_datum():
     [
         ({"set_points": {"ground": [-1.0, 1.0]}}, r"set_points.ground.0: .*greater than 0"),
         ({"set_points": {"ground": [1.4, 1.0]}}, r"set_points.ground: must ascend"),
-        ({"set_points": {"sidewall": [1.0, 2.0]}}, r"a sidewall turns the vehicle"),
+        ({"set_points": {"sidewall": [1.0, 2.0]}}, r"flights go up and down"),
         ({"presets": ["paper", "paper"]}, r"presets: names one of its values twice"),
         ({"presets": ["printed"]}, r"presets.0: .*'paper' or 'converged'"),
         ({"maps": False}, r"simulate.maps"),
