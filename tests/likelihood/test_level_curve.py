@@ -219,7 +219,7 @@ def test_a_manifest_with_a_slip_is_refused(
     tmp_path: Path, levels: dict[str, object], text: str
 ) -> None:
     root = small_run.write_means(tmp_path / "raw", 4)
-    raw = manifests.parsing.loads((root / "campaign.toml").read_bytes(), "campaign.toml")
+    raw = manifests.loads((root / "campaign.toml").read_bytes(), "campaign.toml")
     with pytest.raises(ManifestError) as refusal:
         manifests.parse({**raw, "levels": levels})
     assert text in str(refusal.value)
