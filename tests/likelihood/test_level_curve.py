@@ -210,7 +210,10 @@ def test_what_a_curve_cannot_be_of_is_refused() -> None:
     [
         ({"by": "throttle", "degree": 2}, 'degree go with by = "curve"'),
         ({"by": "curve", "of": ["supply"]}, 'of needs "throttle"'),
-        ({"by": "curve", "of": ["throttle", "throttle"]}, "levels.of: names one of its values twice"),
+        (
+            {"by": "curve", "of": ["throttle", "throttle"]},
+            "levels.of: names one of its values twice",
+        ),
         ({"by": "curve", "degree": 9}, "levels.degree"),
         ({"by": "spline"}, "levels.by"),
     ],
