@@ -1,5 +1,5 @@
-"""The GUM budget: shares that add to the estimator's variance, and each line against
-brute force.
+"""The GUM budget: shares that add to the estimator's variance, and each line against brute force.
+What would halve an uncertainty: the number printed, tried out.
 """
 
 from __future__ import annotations
@@ -8,14 +8,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.unit.simulated import GEOMETRY, RADIUS, campaign, part
+from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, part
 
 from nearlift import catalogue
-from nearlift.fit import information
+from nearlift.fit import height_error, information
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.fit.solver import minimise, system
+from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
+from nearlift.rounding import plain, signed
 
 MODEL = catalogue.model("sanchez_cuevas_free_exponent")
 SCATTER = Noise(
@@ -39,35 +41,53 @@ def fitted(model=MODEL, parts=PARTS, scatter=SCATTER, **more):
     return fit(model, campaign(5, visits=4, **more), parts, scatter, offset_m=0.0)
 
 
-def u_without(found):
-    lines, u = information.uncertainty_budget(found), np.sqrt(np.diag(found.covariance))
-    return information.u_without(found.problem, found.theta, lines, u)
+def budget(found):
+    lines = information.lines(found.problem, found.gain, found.parts, found.noise, found.slope)
+    return {line.component: line for line in lines}
 
 
 def test_the_shares_add_to_the_variance_of_the_estimator():
     found = fitted()
-    lines = information.uncertainty_budget(found)
-    assert {line.component for line in lines} >= {p.name for p in PARTS} | set(
-        information.NAMES.values()
-    )
-    assert sum(line.covariance for line in lines) == pytest.approx(found.covariance, rel=1e-8)
-    u = np.sqrt(sum(np.diag(line.covariance) for line in lines))
-    assert u == pytest.approx([e.u for e in found.estimates.values()], rel=1e-8)
-    for line in lines:
+    lines = budget(found)
+    assert lines.keys() >= {p.name for p in PARTS} | set(information.NAMES.values())
+    variance = sum(line.variance for line in lines.values())
+    assert variance == pytest.approx(np.diag(found.covariance), rel=1e-8)
+    assert np.sqrt(variance) == pytest.approx([e.u for e in found.estimates.values()], rel=1e-8)
+    for line in lines.values():
         # sensitivity times input is the contribution, signed where the input is one number
         assert np.abs(line.sensitivity) * line.standard == pytest.approx(
-            np.sqrt(np.diag(line.covariance)), rel=1e-9
+            np.sqrt(line.variance), rel=1e-9
         )
-    gain = information.gain(found.problem, found.theta)
-    assert gain @ found.problem.covariance.dense() @ gain.T == pytest.approx(
+    assert found.gain @ found.problem.covariance.dense() @ found.gain.T == pytest.approx(
         found.covariance, rel=1e-8
     )
 
 
+def test_the_joint_covariance_is_the_inverse_of_the_dense_information():
+    found = fitted()
+    problem, jacobian = found.problem, found.problem.jacobian(found.theta)
+    joint = information.joint_information(problem, jacobian)
+    own = dataclasses.replace(problem.covariance, shared=np.zeros((problem.data.n, 0))).dense()
+    design = np.hstack([problem.covariance.shared, problem.data.level_design, jacobian])
+    stated = np.zeros(design.shape[1])
+    stated[joint.shared] = 1.0
+    dense = np.linalg.inv(design.T @ np.linalg.solve(own, design) + np.diag(stated))
+    assert joint.covariance == pytest.approx(dense, rel=1e-6, abs=1e-12)
+    gain = dense @ np.linalg.solve(own, design).T
+    assert joint.gain == pytest.approx(gain[joint.parameters], abs=1e-7)
+    assert joint.level_gain == pytest.approx(gain[joint.levels], abs=1e-7)
+
+
 def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
     found = fitted()
-    without = u_without(found)
-    assert set(without) == {line.component for line in information.uncertainty_budget(found)}
+    lines = budget(found)
+    without = information.u_without(
+        found.problem,
+        found.problem.jacobian(found.theta),
+        list(lines.values()),
+        np.sqrt(np.diag(found.covariance)),
+    )
+    assert without.keys() == lines.keys()
 
     def u(parts, scatter):
         problem = assemble(MODEL, found.problem.data, parts, scatter, found.theta, found.slope)
@@ -140,12 +160,7 @@ def test_every_line_is_what_brute_force_makes_of_its_error_alone():
     data = dataclasses.replace(problem.data, lift_N=np.exp(exact), u_lift_N=problem.data.u_lift_N)
     problem = assemble(MODEL, data, PARTS, SCATTER, found.theta, found.slope)
     rng = np.random.default_rng(11)
-    lines = {
-        line.component: line
-        for line in information.lines(
-            problem, information.gain(problem, found.theta), PARTS, SCATTER, found.slope
-        )
-    }
+    lines = budget(dataclasses.replace(found, problem=problem))
     for name, line in lines.items():
         noisy = exact + errors(name, rng, data, MODEL, found.theta, 2000)
         white = problem.project(noisy)
@@ -161,25 +176,18 @@ def test_every_line_is_what_brute_force_makes_of_its_error_alone():
         )
         assert minima.converged.all()
         theta = minima.theta
-        assert theta.std(axis=0) == pytest.approx(
-            np.sqrt(np.diag(line.covariance)), rel=0.1, abs=1e-6
-        ), name
-    assert lines["gain by throttle"].covariance == pytest.approx(
-        np.zeros((2, 2)), abs=1e-12
-    )  # L_inf takes it
+        assert theta.std(axis=0) == pytest.approx(np.sqrt(line.variance), rel=0.1, abs=1e-6), name
+    # L_inf takes it
+    assert lines["gain by throttle"].variance == pytest.approx(np.zeros(2), abs=1e-12)
 
 
 def test_the_sensitivity_to_a_datum_is_what_moving_it_does():
     found = fitted(parts=(part("height", 1e-4, "boundary"),))
-    line = next(
-        a for a in information.uncertainty_budget(found) if a.component == "height by boundary"
-    )
+    line = budget(found)["height by boundary"]
     step_m = 1e-6
     problem = found.problem
     moved = problem.moved(step_m).log_ratio(found.theta) - problem.log_ratio(found.theta)
-    assert line.sensitivity == pytest.approx(
-        information.gain(problem, found.theta) @ moved / step_m, rel=1e-3
-    )
+    assert line.sensitivity == pytest.approx(found.gain @ moved / step_m, rel=1e-3)
     assert line.unit == "m"
 
 
@@ -189,31 +197,21 @@ def test_welch_and_satterthwaite():
     """
     lines = [
         dataclasses.replace(line, dof=np.array([5.0, 5.0]) if line.kind == "A" else line.dof)
-        for line in information.uncertainty_budget(
-            fitted(parts=(part("height", 1e-4, "boundary"),))
-        )
+        for line in budget(fitted(parts=(part("height", 1e-4, "boundary"),))).values()
     ]
-    plain = information.effective_dof(lines, SCATTER, 2)
-    u = np.array([np.sqrt(np.diag(line.covariance)) for line in lines])
+    u2 = np.array([line.variance for line in lines])
     dof = np.array([np.broadcast_to(line.dof, 2) for line in lines])
-    assert plain == pytest.approx((u**2).sum(axis=0) ** 2 / (u**4 / dof).sum(axis=0), rel=1e-9)
+    expected = u2.sum(axis=0) ** 2 / (u2**2 / dof).sum(axis=0)
+    assert information.effective_dof(lines, SCATTER) == pytest.approx(expected, rel=1e-9)
     spread = np.array([[0.1, -0.06], [-0.06, 0.1]])
-    told = dataclasses.replace(
+    estimated = dataclasses.replace(
         SCATTER, sizes=("relative", "common"), log_covariance=tuple(map(tuple, spread))
     )
-    v = np.array(
-        [
-            np.diag(next(a for a in lines if a.component == information.NAMES[n]).covariance)
-            for n in told.sizes
-        ]
-    )
-    rest = sum(
-        2 * np.diag(a.covariance) ** 2 / a.dof
-        for a in lines
-        if a.component not in [information.NAMES[n] for n in told.sizes]
-    )
-    expected = 2 * (u**2).sum(axis=0) ** 2 / (4 * np.einsum("ip,ij,jp->p", v, spread, v) + rest)
-    assert information.effective_dof(lines, told, 2) == pytest.approx(expected)
+    by_name = {line.component: line for line in lines}
+    v = np.array([by_name.pop(information.NAMES[n]).variance for n in estimated.sizes])
+    rest = sum(2 * line.variance**2 / line.dof for line in by_name.values())
+    expected = 2 * u2.sum(axis=0) ** 2 / (4 * np.einsum("ip,ij,jp->p", v, spread, v) + rest)
+    assert information.effective_dof(lines, estimated) == pytest.approx(expected)
 
 
 def test_a_scatter_that_repeats_tell_has_their_degrees_of_freedom():
@@ -230,9 +228,11 @@ def test_numbers_without_scatter_get_the_least_scatter_assumed():
     data = campaign(3, visits=2)
     data = dataclasses.replace(data, u_lift_N=np.zeros(data.n))
     found = fit(catalogue.model("sanchez_cuevas"), data, (), Noise(relative=0.0))
-    (line,) = information.uncertainty_budget(found)
-    assert line.component == "least scatter assumed"
-    assert line.covariance == pytest.approx(found.covariance, rel=1e-6)
+    lines = budget(found)
+    assert list(lines) == ["least scatter assumed"]
+    assert lines["least scatter assumed"].variance == pytest.approx(
+        np.diag(found.covariance), rel=1e-6
+    )
 
 
 def test_a_coefficient_beside_a_free_exponent_is_that_of_a_fit_of_both():
@@ -246,3 +246,138 @@ def test_a_coefficient_beside_a_free_exponent_is_that_of_a_fit_of_both():
     assert u == pytest.approx(both.u, rel=1e-3)
     # which is far from what is known where the exponent is 1
     assert u > 4 * found.estimates["K_b"].u
+
+
+SMALL = Noise(relative=0.002, force_N=1e-4)
+
+
+def datum(standard):
+    return Component(name="distance datum", on="height", standard=standard, scope="boundary")
+
+
+def few(model="sanchez_cuevas", parts=(), visits=4, **kind):
+    return fit(
+        catalogue.model(model),
+        campaign(3, visits=visits, **kind),
+        parts,
+        SMALL,
+        offset_m=0.0,
+    )
+
+
+def test_the_datum_that_would_halve_u_does():
+    found = few(parts=(datum(1e-3),), visits=30)
+    knowledge = information.halvings(found)["K_b"].knowledge
+    one = next(r for r in knowledge if r.quantity == "distance datum")
+    assert one.unit == "mm"
+    assert f"K_b correlates with the distance datum (r = {signed(one.r, 2)})." in one.text
+    assert (
+        f"Knowing the distance datum independently to {plain(one.needed, 2)} mm would halve u(K_b)"
+        in one.text
+    )
+    # the same trials with that measurement added to the declared datum
+    better = (1e-3**-2 + (one.needed / 1000) ** -2) ** -0.5
+    again = fit(
+        found.model,
+        found.problem.data,
+        (datum(better),),
+        SMALL,
+        found.slope,
+        0.0,
+    )
+    assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.02)
+    exact = fit(found.model, found.problem.data, (), SMALL, found.slope, 0.0)
+    assert one.u_best == pytest.approx(exact.estimates["K_b"].u, rel=0.02)
+
+
+def test_what_cannot_halve_it_says_how_far_it_would_go():
+    found = few(parts=(datum(0.1e-3),), visits=2)
+    (one,) = [
+        r for r in information.halvings(found)["K_b"].knowledge if r.quantity == "distance datum"
+    ]
+    assert np.isnan(one.needed)
+    assert (
+        f"With exact distance datum, u(K_b) would be {one.u_best:.2g} instead of {one.u:.2g}"
+        in one.text
+    )
+    assert "K_b correlates with the distance datum" in one.text
+
+
+def test_a_coefficient_known_from_elsewhere():
+    found = few("sanchez_cuevas_free_exponent")
+    (one,) = [r for r in information.halvings(found)["K_b"].knowledge if r.quantity == "n"]
+    assert one.r == pytest.approx(
+        found.covariance[0, 1] / np.sqrt(np.prod(np.diag(found.covariance))), rel=1e-6
+    )
+    assert one.known_to == pytest.approx(found.estimates["n"].u, rel=1e-6)
+    whole = np.linalg.inv(found.covariance) + np.diag([0, one.needed**-2])
+    assert np.linalg.inv(whole)[0, 0] ** 0.5 == pytest.approx(
+        found.estimates["K_b"].u / 2, rel=1e-4
+    )
+
+
+def test_all_levels_together():
+    (one,) = [r for r in information.halvings(few())["K_b"].knowledge if r.quantity == "L_inf"]
+    assert "correlates with the L_inf values (multiple r = " in one.text
+    assert one.unit == "%"
+
+
+def test_so_many_repeats_halve_it():
+    found = few(parts=(datum(0.02e-3),))
+    repeats = information.halvings(found)["K_b"].repeats
+    assert repeats.times > 4
+    n = round(repeats.times)
+    data = found.problem.data
+    many = dataclasses.replace(
+        data.take(np.tile(np.arange(data.n), n)),
+        visit=np.concatenate([data.visit + k * 1000 for k in range(n)]),
+    )
+    again = fit(found.model, many, (datum(0.02e-3),), SMALL, np.tile(found.slope, n), 0.0)
+    assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.06)
+    assert (
+        repeats.text
+        == f"{plain(repeats.times, 3)} times the trials, in the same design, would halve u(K_b)"
+    )
+
+
+def test_no_number_of_repeats_undoes_a_bent_line():
+    """A session's gain by distance would average, the cell's one line never does."""
+    line = Component(
+        name="load cell linearity",
+        on="linearity",
+        standard=0.05,
+        scope="campaign",
+        range_N=1.0,
+    )
+    gain = Component(
+        name="gain at each station",
+        on="gain",
+        standard=0.01,
+        scope="distance",
+    )
+    found = few(parts=(line, gain), visits=30)
+    repeats = information.halvings(found)["K_b"].repeats
+    assert repeats.times == np.inf
+    assert "No number of repeats would halve u(K_b)" in repeats.text
+
+
+def test_a_height_error_is_among_them():
+    data = campaign(
+        3,
+        boundary="ceiling",
+        ratio=hsiao,
+        stations=(0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 10.0),
+        datum=5e-4,
+        visits=6,
+    )
+    found = fit(catalogue.model("hsiao_chirarattananon"), data, (datum(5e-4),), SMALL)
+    u = height_error.u_m(found.problem, found.theta, found.slope, 5e-4)
+    halving = information.halvings(found)["alpha"]
+    one = next(r for r in halving.knowledge if r.quantity == "distance datum")
+    assert one.known_to == pytest.approx(1000 * u, rel=1e-3)
+    assert one.u == pytest.approx(found.estimates["alpha"].u)
+    assert halving.repeats.times > 1
+
+
+def test_nothing_is_said_of_what_is_not_determined():
+    assert information.halvings(few(stations=(2.0,))) == {}

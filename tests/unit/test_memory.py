@@ -37,12 +37,12 @@ def fitted(data):
     found = least_squares.fit(GROUND, data)
     profiles.likelihood_profiles(found)
     deletion.influence(found)
-    information.uncertainty_budget(found)
-    collapse.examine(
-        found.problem,
-        found.theta,
-        lambda g: information.freedom(found.problem, g, found.parts, found.noise, found.slope),
-    )
+
+    def freedom(g):
+        lines = information.lines(found.problem, g, found.parts, found.noise, found.slope)
+        return information.effective_dof(lines, found.noise)
+
+    collapse.examine(found.problem, found.theta, freedom)
 
 
 def reduced(data):

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.information import parameter_covariance
+from nearlift.fit.information import joint_information
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate
@@ -31,28 +31,27 @@ def examine(
     Parameters
     ----------
     freedom : callable
-        Effective degrees of freedom (m,) of linear estimators (m, n) of the trials' log lift, as by
-        `information.freedom`. Errors common to a visit cancel from contrasts between its throttles,
-        whose degrees of freedom therefore differ from the coefficient's.
+        Effective degrees of freedom (m,) of linear estimators (m, n) of log lift. Errors common to
+        a visit cancel from contrasts between its throttles, whose degrees of freedom therefore
+        differ from the coefficient's.
     """
     data, k = problem.data, len(problem.data.levels)
     contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
     each = ((np.eye(k)[data.level] * problem.log_ratio(theta)[:, None]) @ contrast).T
-    coefficients, _ = np.linalg.qr(problem.project(problem.jacobian(theta).T).T)
-    free, residual = problem.project(each).T, problem.residuals(theta)
-    free = free - coefficients @ (coefficients.T @ free)
-    residual = residual - coefficients @ (coefficients.T @ residual)
-    covariance, determined = parameter_covariance(
-        free.T, np.linalg.norm(problem.covariance.whiten(each), axis=1)
-    )
-    if k < 2 or not determined.all():
+    jacobian = problem.jacobian(theta)
+    joint = joint_information(problem, np.hstack([jacobian, each.T]))
+    p = jacobian.shape[1]
+    if k < 2 or not joint.determined[p:].all():
         text = "These trials cannot test whether Delta L depends on throttle."
         return ThrottleCollapse(per_throttle={}, test=None, largest_departure=None, text=text)
-    basis, scale = np.linalg.qr(free)[0], covariance @ (free.T @ residual)
-    dof = student.several(freedom(problem.covariance.unwhiten(basis.T)))
+    covariance, gain = joint.parameter_covariance[p:, p:], joint.gain[p:]
+    scale = gain @ (np.log(data.lift_N) - problem.log_ratio(theta))
+    # independent combinations of unit variance
+    basis = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    dof = student.several(freedom(basis @ gain))
     values, spread = contrast @ scale, contrast @ covariance @ contrast.T
     reach90 = student.quantile(0.95, dof)
-    test = f_test(float(np.sum((basis.T @ residual) ** 2)), k - 1, dof)
+    test = f_test(float(np.sum((basis @ scale) ** 2)), k - 1, dof)
     largest = largest_departure(data.levels, values, spread, dof)
     verdict = "Rejected" if test.p_value < 1 - CONFIDENCE else "Not rejected"
     text = f"{verdict} across throttles: one curve ({chance(test.p_value)})."

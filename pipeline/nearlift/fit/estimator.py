@@ -56,7 +56,9 @@ class Estimator:
     u, dof : (p,)
         Standard uncertainty and its degrees of freedom; u is infinite for an undetermined
         coefficient.
-    lines : tuple of Line
+    gain : (p, n)
+        Change of each coefficient per unit change of each trial's log lift.
+    lines : list of Line
         The budget.
     parts : tuple of Component
         Stated uncertainties.
@@ -72,7 +74,8 @@ class Estimator:
     theta: FloatArray
     u: FloatArray
     dof: FloatArray
-    lines: tuple[information.Line, ...]
+    gain: FloatArray
+    lines: list[information.Line]
     parts: tuple[Component, ...]
     slope: FloatArray
     fixed: NDArray[np.bool_]
@@ -87,7 +90,8 @@ class Estimator:
             theta=fit.theta,
             u=np.array([e.u for e in estimates]),
             dof=fit.effective,
-            lines=information.uncertainty_budget(fit) if len(fit.theta) else (),
+            gain=fit.gain,
+            lines=information.lines(fit.problem, fit.gain, fit.parts, fit.noise, fit.slope),
             parts=fit.parts,
             slope=fit.slope,
             fixed=np.array([e.at_bound or not np.isfinite(e.u) for e in estimates], dtype=bool),
@@ -179,7 +183,8 @@ class Estimator:
     def _without(self) -> dict[str, FloatArray]:
         """Standard uncertainties if one source of error were known exactly, by its name."""
         u = np.where(np.isfinite(self.u), self.u, 0.0)
-        return information.u_without(self.problem, self.theta, self.lines, u)
+        jacobian = self.problem.jacobian(self.theta)
+        return information.u_without(self.problem, jacobian, self.lines, u)
 
     @cached_property
     def _influence(self) -> dict[str, LargestShifts]:
@@ -201,8 +206,9 @@ class Estimator:
             return listed
         if exponents and np.isfinite(self.u[0]):
             listed[0] += [self.doubt(0, *answer) for answer in self._exponents()]
-        gain = information.gain(self.problem, self.theta)
-        for missing in inputs.undeclared(self.problem, self.theta, gain, self.parts, self.slope):
+        for missing in inputs.undeclared(
+            self.problem, self.theta, self.gain, self.parts, self.slope
+        ):
             for i, shift in enumerate(missing.shift.values()):
                 if np.isfinite(self.u[i]) and abs(shift) > WORTH_TELLING * self.u[i]:
                     name, scale, unit = INPUTS[missing.on]

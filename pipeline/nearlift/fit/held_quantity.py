@@ -19,7 +19,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit import solver
-from nearlift.fit.information import parameter_covariance
+from nearlift.fit.information import joint_information
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate, Observations
@@ -166,10 +166,7 @@ def _raised(
     best = solver.refine(system, minima.theta, (low, high))
     for x in best[minima.converged]:
         jacobian = slopes(x[None])[0][: len(x) - (not free)]
-        covariance, determined = parameter_covariance(
-            problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
-        )
-        u = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
+        u = joint_information(problem, jacobian.T).u
         inside = (x - low > AT_BOUND * scale) & (high - x > AT_BOUND * scale)
         yield x, np.where(inside[: len(u)], u, np.inf) if free else u
 

@@ -1,34 +1,33 @@
-"""Information of a fit: its uncertainty budget after the GUM, and what would reduce it.
+"""Information of a fit: one joint matrix, and the uncertainty budget after the GUM from it.
 
-Near its optimum the estimator is linear in the trials' log lift, ``theta = G y`` with ``G = (J' P
-J)^-1 J' P``. P is the inverse covariance with L_inf projected out. The covariance is a sum of
-sources, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``. No source is left out or
-counted twice, and the shares add to one for the estimator that was used.
+Stated errors, log L_inf and coefficients are estimated together. Stated errors are unknowns of unit
+variance, which adds 1 to their diagonal elements; the trials' own errors are the weights. The
+inverse is the joint covariance, and its rows for log L_inf and coefficients times the weighted
+design are the linear estimator ``theta = G y`` of the trials' log lift y.
 
-Coefficients, log L_inf and the stated errors are also unknowns estimated together
-(`JointInformation`). The inverse of their information is their covariance. An independent
-measurement of a quantity adds to its diagonal element. N repeats of the whole campaign multiply the
-trials' information and leave the stated part as it is.
+The covariance of the trials is a sum of sources, ``C = sum C_i``, so a variance is the sum of ``G
+C_i G'``. No source is left out or counted twice. An independent measurement adds to a diagonal
+element. N repeats of the campaign multiply the trials' information and leave the stated part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood import budget, semiseparable
+from nearlift.likelihood import semiseparable
 from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups, independent_variance
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance, group_sums
 from nearlift.likelihood.noise import trial_variance
 from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.variance_components import ages
 from nearlift.nomenclature import letter
-from nearlift.results import Noise
+from nearlift.results import Noise, Observations
 from nearlift.results.fit import Degeneracy, Halving, Remedy, Repeats
 from nearlift.rounding import plain, signed
 
@@ -57,13 +56,14 @@ NAMES = {
     "drift": "slow drift",
 }
 #: Absolute correlation above which a pair is degenerate: knowing one would reduce u of the other to
-#: sqrt(1 - r^2) = 0.31 of it; and above which a remedy calls it confounded (0.44).
-DEGENERATE, TRADES = 0.95, 0.9
+#: sqrt(1 - r^2) = 0.31 of it.
+DEGENERATE = 0.95
 #: Least relative reduction of an uncertainty for which a remedy is listed; u is printed to two
 #: digits.
 WORTH = 0.05
-#: Number of repeats at which scatter is taken as absent: 1e-4 of its u is left.
-MOST_REPEATS = 1e8
+#: Information of exact knowledge, far above that of any trials; number of repeats at which scatter
+#: is taken as absent: 1e-4 of its u is left.
+EXACT, MOST_REPEATS = 1e30, 1e8
 #: Fraction of its length that a parameter's row must keep once L_inf is projected out; least
 #: eigenvalue of the scaled information along a determined direction; and greatest share of a
 #: determined parameter in an undetermined one. The floating-point precision is 2e-16.
@@ -92,12 +92,65 @@ def parameter_covariance(
     return np.asarray(inverse / unit, dtype=np.float64), determined
 
 
-def gain(problem: Likelihood, theta: FloatArray) -> FloatArray:
-    """The linear estimator G, (p, n): change of each coefficient per unit change of each trial's
-    log lift, L_inf free.
+@dataclass(frozen=True, slots=True)
+class JointInformation:
+    """Inverse of the information on q unknowns: m shared errors of unit variance, k coefficients of
+    the trials' `level_design`, and p parameters, at the slices of their names.
+
+    Attributes
+    ----------
+    covariance : (q, q)
+        With undetermined parameters as if known.
+    determined : (p,) bool
+    gain, level_gain : (p, n), (k, n)
+        Change of each parameter, and of each coefficient of the levels, per unit change of each
+        trial's log lift.
     """
-    white = problem.project(problem.jacobian(theta).T)
-    return parameter_covariance(white)[0] @ problem.covariance.unwhiten(white)
+
+    covariance: FloatArray
+    determined: NDArray[np.bool_]
+    gain: FloatArray
+    level_gain: FloatArray
+    shared: slice
+    levels: slice
+    parameters: slice
+
+    @property
+    def parameter_covariance(self) -> FloatArray:
+        """Covariance of the parameters alone, (p, p)."""
+        return self.covariance[self.parameters, self.parameters]
+
+    @property
+    def u(self) -> FloatArray:
+        """Standard uncertainty of each parameter, (p,); inf for an undetermined one."""
+        return np.where(self.determined, np.sqrt(np.diag(self.parameter_covariance)), np.inf)
+
+
+def joint_information(problem: Likelihood, jacobian: FloatArray) -> JointInformation:
+    """Joint information of trials and statements, for parameters with the `jacobian` (n, p) of log
+    lift.
+    """
+    weights, (n, p), m = problem.covariance, jacobian.shape, problem.covariance.shared.shape[1]
+    design = np.hstack([weights.shared, problem.data.level_design, jacobian])
+    first, q = design.shape[1] - p, design.shape[1]
+    # the triangle's square is the information; its last block's, that of the parameters alone
+    rotation, triangle = np.linalg.qr(np.vstack([weights.whiten_own(design.T).T, np.eye(m, q)]))
+    inner, toll, outer = (
+        triangle[:first, :first],
+        triangle[:first, first:],
+        triangle[first:, first:],
+    )
+    whole = np.linalg.norm(triangle[m:, first:], axis=0)
+    covariance, determined = parameter_covariance(outer.T, whole)
+    root = np.zeros((q, q))
+    root[:first, :first] = np.linalg.inv(inner)
+    root[first:, first:] = covariance @ outer.T
+    root[:first, first:] = -root[:first, :first] @ toll @ root[first:, first:]
+    gain = weights.whiten_own(root[m:] @ rotation[:n].T, transposed=True)
+    places = slice(0, m), slice(m, first), slice(first, q)
+    return JointInformation(
+        root @ root.T, determined, gain[first - m :], gain[: first - m], *places
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +159,13 @@ class Line:
 
     Attributes
     ----------
+    variance : (m,)
+        Contribution to the variance.
     standard : float
         Standard uncertainty of the input in `unit`; the root mean square where trials or records
         differ.
     kind : str
         ``"A"`` from repeats, ``"B"`` stated.
-    covariance : (m, m)
-        Contribution to the covariance.
     without : Covariance or None
         Covariance of the trials if the source were known exactly; None where nothing else scatters.
     moved : (m,) or None
@@ -123,22 +176,17 @@ class Line:
         Variance by each component of `Noise`, for lines of the scatter of trials.
     """
 
-    component: str = ""
+    component: str
+    variance: FloatArray
+    without: Covariance | None = None
     standard: float = 1.0
     unit: str = "1"
     scope: str = "trial"
     distribution: str = "normal"
     kind: Literal["A", "B"] = "A"
-    covariance: FloatArray = field(kw_only=True)
-    without: Covariance | None = field(default=None, kw_only=True)
-    moved: FloatArray | None = field(default=None, kw_only=True)
-    dof: FloatArray | float = field(default=np.inf, kw_only=True)
-    sizes: dict[str, FloatArray] = field(default_factory=dict, kw_only=True)
-
-    @property
-    def variance(self) -> FloatArray:
-        """Contribution to the variance of each coefficient, (m,)."""
-        return np.maximum(np.diag(self.covariance), 0.0)
+    moved: FloatArray | None = None
+    dof: FloatArray | float = np.inf
+    sizes: dict[str, FloatArray] = field(default_factory=dict)
 
     @property
     def sensitivity(self) -> FloatArray:
@@ -149,11 +197,6 @@ class Line:
         return moved / self.standard
 
 
-def uncertainty_budget(fit: LeastSquaresFit) -> tuple[Line, ...]:
-    """The budget of a fit."""
-    return lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
-
-
 def lines(
     problem: Likelihood,
     g: FloatArray,
@@ -161,97 +204,80 @@ def lines(
     scatter: Noise,
     slope: FloatArray,
     further: Mapping[str, slice] | None = None,
-) -> tuple[Line, ...]:
+) -> list[Line]:
     """Budget lines of all parts of the problem's covariance.
 
     Parameters
     ----------
     g : (m, n)
-        Linear estimators; see `gain`.
+        Linear estimators, such as `JointInformation.gain`.
     parts, scatter, slope
         What the covariance was assembled from; `parts` in the order of their columns.
     further : mapping of str to slice
         Further sources, as columns of the covariance's shared unknowns.
     """
-    whole, data = problem.covariance, problem.data
+    whole, data, squares = problem.covariance, problem.data, g**2
+    visit = np.unique(data.visit, return_inverse=True)[1]
 
-    def independent(variance: FloatArray) -> Line:
-        rest = replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
-        return Line(covariance=(g * variance) @ g.T, without=rest)
+    def less(variance: FloatArray) -> FloatArray:
+        return np.maximum(whole.variance - variance, LEAST_VARIANCE)
 
-    def shared(which: slice) -> Line:
+    def independent(name: str, variance: FloatArray) -> Line:
+        return Line(name, squares @ variance, replace(whole, variance=less(variance)))
+
+    def shared(name: str, which: slice) -> Line:
         moved = g @ whole.shared[:, which]
-        return Line(
-            covariance=moved @ moved.T,
-            without=replace(whole, shared=np.delete(whole.shared, which, axis=1)),
-            moved=moved[:, 0] if moved.shape[1] == 1 else None,
-        )
+        rest = replace(whole, shared=np.delete(whole.shared, which, axis=1))
+        single = moved[:, 0] if moved.shape[1] == 1 else None
+        return Line(name, (moved**2).sum(axis=1), rest, kind="B", moved=single)
 
-    def of_visits(sensitivity: FloatArray, size: float) -> FloatArray:
-        moved = size * group_sums(sensitivity, np.unique(data.visit, return_inverse=True)[1])
-        return moved @ moved.T
+    def of_visits(x: FloatArray) -> FloatArray:
+        return np.asarray((group_sums(x, visit) ** 2).sum(axis=1), dtype=np.float64)
 
-    def of_scatter(name: str, line: Line, sizes: Mapping[str, FloatArray] | None = None) -> Line:
-        variances = {k: np.diag(c) for k, c in (sizes or {name: line.covariance}).items()}
-        variance, spread = _scatter_variance(scatter, variances, len(g))
+    def scattered(
+        standard: float,
+        sizes: dict[str, FloatArray],
+        unit: str = "1",
+        scope: str = "trial",
+        name: str = "",
+        **known: Any,
+    ) -> Line:
+        variance, spread = sum(sizes.values(), np.zeros(len(g))), _spread(scatter, sizes, len(g))
         with np.errstate(divide="ignore", invalid="ignore"):
             dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
-        return replace(line, component=NAMES[name], dof=dof, sizes=variances)
+        name, without = NAMES[name or next(iter(sizes))], replace(whole, **known)
+        return Line(name, variance, without, standard, unit, scope, dof=dof, sizes=sizes)
 
     record2 = (data.u_lift_N / data.lift_N) ** 2
-    contribution = g**2 * record2
+    record, each = independent(RECORD_NOISE, record2), squares * record2
     with np.errstate(divide="ignore", invalid="ignore"):
-        squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
-        record_dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
-    age = ages(data)
-    drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
-    relative = independent(np.full(data.n, scatter.relative**2))
-    force = independent((scatter.force_N / data.lift_N) ** 2)
-    height = Line(
-        standard=scatter.height_m,
-        unit="m",
-        scope="visit",
-        covariance=of_visits(g * slope, scatter.height_m),
-        without=replace(whole, per_visit=np.zeros(data.n)),
-    )
-    common = Line(
-        standard=scatter.common,
-        scope="visit",
-        covariance=of_visits(g, scatter.common),
-        without=replace(whole, common=0.0),
-    )
-    drift = Line(
-        standard=scatter.drift_rms,
-        scope="campaign",
-        covariance=sum(drifts.values(), np.zeros((len(g), len(g)))),
-        without=replace(whole, drift=0 * whole.drift),
-    )
+        spread = (each**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
+        record_dof = np.nan_to_num(record.variance**2 / spread, nan=np.inf)
+    relative2 = np.full(data.n, scatter.relative**2)
+    force2 = (scatter.force_N / data.lift_N) ** 2
+    height2, common2 = of_visits(scatter.height_m * g * slope), of_visits(scatter.common * g)
+    drift2 = {
+        f"drift{k}": size**2 * _drifted(g, age)
+        for k, (size, age) in enumerate(zip(scatter.drift, ages(data).T, strict=False))
+    }
     listed = [
-        replace(
-            independent(record2),
-            component=RECORD_NOISE,
-            standard=float(np.sqrt(np.mean(record2))),
-            dof=record_dof,
+        replace(record, standard=float(np.sqrt(np.mean(record2))), dof=record_dof),
+        scattered(scatter.relative, {"relative": squares @ relative2}, variance=less(relative2)),
+        scattered(scatter.force_N, {"force_N": squares @ force2}, "N", variance=less(force2)),
+        scattered(
+            scatter.height_m, {"height_m": height2}, "m", "visit", per_visit=np.zeros(data.n)
         ),
-        of_scatter("relative", replace(relative, standard=scatter.relative)),
-        of_scatter("force_N", replace(force, standard=scatter.force_N, unit="N")),
-        of_scatter("height_m", height),
-        of_scatter("common", common),
-        of_scatter("drift", drift, drifts),
+        scattered(scatter.common, {"common": common2}, scope="visit", common=0.0),
+        scattered(scatter.drift_rms, drift2, scope="campaign", name="drift", drift=0 * whole.drift),
     ]
-    first, assumed = 0, whole.variance - trial_variance(data, scatter)
-    for part in parts:
+    assumed = whole.variance - trial_variance(data, scatter)
+    for part, which in _columns(data, parts):
         variance = independent_variance(data, part, slope)
         assumed = assumed - variance
-        if part.scope in GROUPED:
-            which = slice(first, first + int(groups(data, part.scope).max()) + 1)
-            first, line = which.stop, shared(which)
-        else:
-            line = independent(variance)
+        grouped = part.scope in GROUPED
         listed.append(
             replace(
-                line,
-                component=part.name,
+                shared(part.name, which) if grouped else independent(part.name, variance),
                 kind="A" if part.is_measured else "B",
                 standard=part.size(data),
                 unit=UNITS[part.on][0],
@@ -261,87 +287,75 @@ def lines(
         )
     # the variance floor, where nothing scatters at all
     if np.any(assumed > 1e-3 * whole.variance):
-        floor = independent(np.maximum(assumed, 0.0))
-        listed.append(replace(floor, component="least scatter assumed"))
+        listed.append(independent("least scatter assumed", np.maximum(assumed, 0.0)))
+    # further sources have no input of their own
     for name, which in (further or {}).items():
-        line = shared(which)
-        listed.append(replace(repeated(name, line.covariance), kind="B", without=line.without))
-    return tuple(line for line in listed if line.standard > 0)
+        listed.append(replace(shared(name, which), unit="", scope="", distribution=""))
+    return [line for line in listed if line.standard > 0]
 
 
-def repeated(name: str, covariance: FloatArray) -> Line:
-    """A line without an input of its own: the only one of coefficients whose covariance (p, p)
-    comes from repeats as a whole.
-    """
-    return Line(component=name, unit="", scope="", distribution="", covariance=covariance)
+def _columns(data: Observations, parts: Sequence[Component]) -> Iterator[tuple[Component, slice]]:
+    """Each component and its shared unknowns, none for an independent one."""
+    stop = 0
+    for part in parts:
+        start = stop
+        if part.scope in GROUPED:
+            stop += int(groups(data, part.scope).max()) + 1
+        yield part, slice(start, stop)
 
 
 def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
-    """G M G' (p, p) of a drift of unit size; `age` (n,) as in `Covariance`, in run order."""
+    """Variance (m,) of estimators g (m, n) by a drift of unit size; `age` (n,) as in `Covariance`,
+    in run order.
+    """
     memory = np.exp(-np.abs(np.diff(age, prepend=age[:1])))
     memory[:1] = 0.0
-    one = np.ones((len(age), 1))
-    return np.asarray(
-        g @ semiseparable.product(one, memory[:, None], np.ascontiguousarray(g.T)), dtype=np.float64
-    )
+    one, x = np.ones((len(age), 1)), np.ascontiguousarray(g.T)
+    product = semiseparable.product(one, memory[:, None], x)
+    return np.asarray(np.maximum(np.einsum("nm,nm->m", x, product), 0.0))
 
 
-def _scatter_variance(
-    scatter: Noise, sizes: Mapping[str, FloatArray], p: int
-) -> tuple[FloatArray, FloatArray]:
-    """Variance due to some components of the scatter, and that of its estimate; (p,) each."""
-    index = [i for i, name in enumerate(scatter.sizes) if name in sizes]
-    variances = np.array([sizes[scatter.sizes[i]] for i in index]).reshape(len(index), p)
-    whole = np.array(scatter.log_covariance).reshape(len(scatter.sizes), len(scatter.sizes))
-    spread = whole[np.ix_(index, index)]
-    return variances.sum(axis=0), 4 * np.einsum("ip,ij,jp->p", variances, spread, variances)
+def _spread(scatter: Noise, sizes: Mapping[str, FloatArray], m: int) -> FloatArray:
+    """Variance (m,) of the estimated sum of some variances `sizes` of the scatter."""
+    k = len(scatter.sizes)
+    by_size = np.array([sizes.get(name, np.zeros(m)) for name in scatter.sizes]).reshape(k, m)
+    log_covariance = np.array(scatter.log_covariance).reshape(k, k)
+    return np.asarray(4 * np.einsum("im,ij,jm->m", by_size, log_covariance, by_size))
 
 
 def u_without(
-    problem: Likelihood, theta: FloatArray, budget_lines: Sequence[Line], u: FloatArray
+    problem: Likelihood, jacobian: FloatArray, budget: Sequence[Line], u: FloatArray
 ) -> dict[str, FloatArray]:
     """Standard uncertainty of each coefficient, (p,), were one source known exactly, by its name.
 
-    The trials are then weighted again. Sources are correlated through the fit, so it is not the
-    variance less the source's contribution. A zero error that adds little may limit the gain by
-    knowing another source. `u` (p,) are those of the fit, to which the result is scaled.
+    The trials are then weighted again: sources are correlated through the fit, so the variance
+    falls by more or less than the source's contribution. `u` (p,) are those of the fit, to which
+    the result is scaled.
     """
-    jacobian = problem.jacobian(theta)
 
     def spread(covariance: Covariance) -> FloatArray:
-        white = replace(problem, covariance=covariance).project(jacobian.T)
-        return np.sqrt(np.maximum(np.diag(parameter_covariance(white)[0]), 0.0))
+        joint = joint_information(replace(problem, covariance=covariance), jacobian)
+        return np.sqrt(np.diag(joint.parameter_covariance))
 
     whole = spread(problem.covariance)
     scale = u / np.where(whole > 0, whole, 1.0)
     return {
         line.component: np.zeros(len(u)) if line.without is None else scale * spread(line.without)
-        for line in budget_lines
+        for line in budget
     }
 
 
-def freedom(
-    problem: Likelihood,
-    g: FloatArray,
-    parts: Sequence[Component],
-    scatter: Noise,
-    slope: FloatArray,
-) -> FloatArray:
-    """Effective degrees of freedom (m,) of linear estimators g (m, n) of the trials' log lift."""
-    return effective_dof(lines(problem, g, parts, scatter, slope), scatter, len(g))
-
-
-def effective_dof(budget_lines: Sequence[Line], scatter: Noise, p: int) -> FloatArray:
-    """Welch-Satterthwaite degrees of freedom (p,) of a budget, at least `LEAST_DOF`.
+def effective_dof(budget: Sequence[Line], scatter: Noise) -> FloatArray:
+    """Welch-Satterthwaite degrees of freedom (m,) of a budget, at least `LEAST_DOF`.
 
     The formula assumes independent variance estimates. The components of the scatter are estimated
     together, so they are combined with their covariance from the fit of the noise. For independent
     components this is the same formula.
     """
-    variance: FloatArray = sum((line.variance for line in budget_lines), np.zeros(p))
-    sizes = {name: size for line in budget_lines for name, size in line.sizes.items()}
-    _, spread = _scatter_variance(scatter, sizes, p)
-    for line in budget_lines:
+    variance = np.sum([line.variance for line in budget], axis=0)
+    sizes = {name: size for line in budget for name, size in line.sizes.items()}
+    spread = _spread(scatter, sizes, len(variance))
+    for line in budget:
         if not line.sizes.keys() & set(scatter.sizes):
             spread = spread + 2 * line.variance**2 / line.dof
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -349,53 +363,15 @@ def effective_dof(budget_lines: Sequence[Line], scatter: Noise, p: int) -> Float
 
 
 class Quantity(NamedTuple):
-    """Some of the joint unknowns: their `members`, and the factor to the `unit` shown."""
+    """Some of the joint unknowns: their `members`, how a sentence calls them, and the factor to the
+    `unit` shown.
+    """
 
     name: str
     members: slice
+    called: str
     scale: float
     unit: str
-
-
-class JointInformation(NamedTuple):
-    """Information (q, q) of the trials on coefficients, levels and stated errors, and the diagonal
-    (q,) that the statements add.
-    """
-
-    trials: FloatArray
-    stated: FloatArray
-    quantities: list[Quantity]
-
-    def covariance(self, times: float = 1.0) -> FloatArray:
-        """Covariance (q, q) from `times` as many trials."""
-        information = times * self.trials + np.diag(self.stated)
-        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        unit = np.outer(size, size)
-        inverse: FloatArray = np.linalg.pinv(information / unit, rcond=1e-14, hermitian=True) / unit
-        return inverse
-
-
-def joint_information(fit: LeastSquaresFit, which: Sequence[int]) -> JointInformation:
-    """Information on the coefficients `which`, the levels, and all errors that trials share."""
-    problem, data = fit.problem, fit.problem.data
-    quantities = [
-        Quantity(fit.names[i], slice(k, k + 1), 1.0, fit.model.parameters[i].unit)
-        for k, i in enumerate(which)
-    ]
-    blocks = [problem.jacobian(fit.theta)[:, list(which)], data.level_design]
-    free = first = len(which) + data.unknown_levels
-    quantities.append(Quantity("L_inf", slice(len(which), free), 100.0, "%"))
-    for part in fit.parts:
-        blocks.append(columns := budget.columns(data, part, fit.slope))
-        members = slice(first, first + columns.shape[1])
-        first = members.stop
-        if columns.shape[1] and part.standard:
-            _, scale, unit = UNITS[part.on]
-            quantities.append(Quantity(part.name, members, scale * part.standard, unit))
-    alone = replace(problem.covariance, shared=np.zeros((data.n, 0)))
-    white = alone.whiten(np.hstack(blocks).T)
-    stated = np.r_[np.zeros(free), np.ones(first - free)]
-    return JointInformation(white @ white.T, stated, quantities)
 
 
 def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
@@ -409,157 +385,155 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
     known = [i for i, e in enumerate(estimates) if np.isfinite(e.u) and e.u > 0 and not e.at_bound]
     if not known:
         return {}
-    joint = joint_information(fit, known)
-    covariance, halving = joint.covariance(), {}
-    for k, i in enumerate(known):
-        scale = float(np.sqrt(fit.covariance[i, i] / covariance[k, k]))
+    joint = joint_information(fit.problem, fit.problem.jacobian(fit.theta)[:, known])
+    others = [Quantity("L_inf", joint.levels, "the L_inf values", 100.0, "%")]
+    for part, members in _columns(fit.problem.data, fit.parts):
+        if (size := members.stop - members.start) and part.standard:
+            _, factor, unit = UNITS[part.on]
+            called = f"the {part.name}{' values' if size > 1 else ''}"
+            others.append(Quantity(part.name, members, called, factor * part.standard, unit))
+    places = list(enumerate(known, joint.parameters.start))
+    for at, i in places:
+        name, unit = fit.names[i], fit.model.parameters[i].unit
+        others.append(Quantity(name, slice(at, at + 1), letter(name), 1.0, unit))
+    halving = {}
+    for at, i in places:
+        scale = float(np.sqrt(fit.covariance[i, i] / joint.covariance[at, at]))
         remedies = [
-            _remedy(fit.names[i], k, len(known), covariance, quantity, scale)
-            for quantity in joint.quantities
-            if quantity.members.start != k
+            _remedy(letter(fit.names[i]), at, other, joint.covariance, scale)
+            for other in others
+            if other.members.start != at
         ]
         worth = [r for r in remedies if r.u_best < (1 - WORTH) * r.u]
         halving[fit.names[i]] = Halving(
             knowledge=tuple(sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))),
-            repeats=_repeats(fit.names[i], k, joint, scale),
+            repeats=_repeats(letter(fit.names[i]), at, joint, scale),
         )
     return halving
 
 
-def _remedy(
-    coefficient: str,
-    i: int,
-    coefficients: int,
-    covariance: FloatArray,
-    quantity: Quantity,
-    scale: float,
-) -> Remedy:
-    """How a measurement of one quantity would reduce the uncertainty of coefficient `i`."""
-    name, members, factor, unit = quantity
-    cross, within = covariance[i, members], covariance[members, members]
-    whole, single = float(covariance[i, i]), len(within) == 1
-    value, vector = np.linalg.eigh(within)
-    share = (vector.T @ cross) ** 2
+def _variance(covariance: FloatArray, i: int, members: slice) -> Callable[[float], float]:
+    """Variance of unknown i as a function of further information on each of `members`."""
+    value, vector = np.linalg.eigh(covariance[members, members])
+    value = np.maximum(value, 1e-15 * value.max(initial=0.0))
+    share = (vector.T @ covariance[members, i]) ** 2
+    return lambda x: float(covariance[i, i] - (share * x / (1 + x * value)).sum())
 
-    def left(variance: float) -> float:
-        """Variance of the coefficient once the quantity is measured with this variance."""
-        return whole - float((share / np.maximum(value + variance, 1e-300)).sum())
 
-    best, needed = max(left(0.0), 0.0), float("nan")
-    if best < whole / 4:
-        needed = float(np.sqrt(_crossing(left, whole / 4, -40.0, 40.0))) * factor
-    u, u_best = float(scale * np.sqrt(whole)), float(scale * np.sqrt(best))
-    who, what, verb = letter(coefficient), f"the {name} values", "correlates with"
-    r = float(np.sqrt(max(1 - best / whole, 0.0)))
-    correlation = f"multiple r = {r:.2f}"
-    if single:
-        r = float(cross[0] / np.sqrt(whole * within[0, 0]))
+def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: float) -> Remedy:
+    """Effect of a measurement of another quantity on the uncertainty of coefficient i."""
+    variance, within = _variance(covariance, i, other.members), covariance[(other.members,) * 2]
+    whole, best = variance(0.0), max(variance(EXACT), 0.0)
+    u, u_best = scale * whole**0.5, scale * best**0.5
+    r = (1 - best / whole) ** 0.5
+    correlation, needed = f"multiple r = {r:.2f}", float("nan")
+    if len(within) == 1:
+        r = float(np.copysign(r, covariance[i, other.members.start]))
         correlation = f"r = {signed(r, 2)}"
-        what = letter(name) if members.start < coefficients else f"the {name}"
-        verb = "is confounded with" if abs(r) > TRADES else verb
-    words = f"With exact {name}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
-    if np.isfinite(needed):
-        size = f"{plain(needed, 2)} {'' if unit == '1' else unit}".strip()
-        words = f"Knowing {what} independently to {size} would halve u({who})"
+    effect = (
+        f"With exact {other.name}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
+    )
+    if best < whole / 4:
+        needed = other.scale / _crossing(variance, whole / 4, 1e-35, 1e35) ** 0.5
+        size = f"{plain(needed, 2)} {other.unit}".removesuffix(" 1")
+        effect = f"Knowing {other.called} independently to {size} would halve u({who})"
     return Remedy(
-        quantity=name,
+        quantity=other.name,
         r=r,
-        known_to=float(np.sqrt(np.diag(within).mean())) * factor,
+        known_to=float(np.sqrt(np.diag(within).mean())) * other.scale,
         needed=needed,
         u=u,
         u_best=u_best,
-        unit=unit,
-        text=f"{who} {verb} {what} ({correlation}). {words}",
+        unit=other.unit,
+        text=f"{who} correlates with {other.called} ({correlation}). {effect}",
     )
 
 
-def _repeats(coefficient: str, i: int, joint: JointInformation, scale: float) -> Repeats:
-    """How often the campaign would have to be repeated to halve the uncertainty."""
+def _repeats(who: str, i: int, joint: JointInformation, scale: float) -> Repeats:
+    """Number of repeats of the campaign that would halve the uncertainty of coefficient i.
+
+    N repeats are one campaign, all variances divided by N, with 1/N of the statements' information.
+    """
+    left = _variance(joint.covariance, i, joint.shared)
 
     def variance(times: float) -> float:
-        return float(joint.covariance(times)[i, i])
+        return left(1 / times - 1) / times
 
     whole, limit = variance(1.0), variance(MOST_REPEATS)
-    u, u_limit, who = scale * whole**0.5, scale * limit**0.5, letter(coefficient)
-    times = float("inf")
+    if limit < whole / 4:
+        times = _crossing(variance, whole / 4, 1.0, MOST_REPEATS)
+        text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
+        return Repeats(times=times, text=text)
     text = (
         f"No number of repeats would halve u({who}): shared errors keep it at"
-        f" {plain(u_limit, 2)} or more, from {plain(u, 2)}"
+        f" {plain(scale * limit**0.5, 2)} or more, from {plain(scale * whole**0.5, 2)}"
     )
-    if limit < whole / 4:
-        times = _crossing(variance, whole / 4, 0.0, float(np.log(MOST_REPEATS)))
-        text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
-    return Repeats(times=times, text=text)
+    return Repeats(times=float("inf"), text=text)
 
 
 def _crossing(f: Callable[[float], float], value: float, low: float, high: float) -> float:
-    """Argument at which a monotone `f` has a value, searched between the logarithms given."""
+    """Argument from `low` to `high` at which a monotone `f` has a value."""
     from scipy.optimize import brentq
 
-    return float(np.exp(brentq(lambda x: f(float(np.exp(x))) - value, low, high, xtol=1e-10)))
+    def above(log: float) -> float:
+        return f(float(np.exp(log))) - value
+
+    return float(np.exp(brentq(above, float(np.log(low)), float(np.log(high)), xtol=1e-10)))
 
 
 def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
     """Pairs correlated beyond `DEGENERATE`: parameters with each other, with L_inf, and with a
     height offset or exponent if it were unknown; undetermined parameters first.
     """
-    problem, data = fit.problem, fit.problem.data
+    problem, theta, pairs = fit.problem, fit.theta, []
     known = [i for i, e in enumerate(fit.estimates.values()) if np.isfinite(e.u)]
-    pairs = [
-        Degeneracy(
-            pair=(name, "anything"),
-            r=1.0,
-            text=f"{letter(name)} is not identifiable from these trials",
-        )
-        for i, name in enumerate(fit.names)
-        if i not in known
-    ]
-    if not known:
-        return tuple(pairs)
-    p, k = len(known), data.unknown_levels
-    covariance = joint_information(fit, known).covariance()[: p + k, : p + k]
-    shown = np.zeros((p + len(data.levels), p + k))
-    shown[:p, :p], shown[p:, p:] = np.eye(p), data.shown(np.eye(k))
-    correlation = _correlation(shown @ covariance @ shown.T)
     names = [fit.names[i] for i in known]
+
+    def add(name: str, other: str, r: float, text: str, u_if_free: float | None = None) -> None:
+        pair = Degeneracy(
+            pair=(name, other), r=r, text=f"{letter(name)} {text}", u_if_free=u_if_free
+        )
+        pairs.append(pair)
+
+    for name in fit.names:
+        if name not in names:
+            add(name, "anything", 1.0, "is not identifiable from these trials")
+    if not names:
+        return tuple(pairs)
+    jacobian = problem.jacobian(theta)[:, known]
+    joint = joint_information(problem, jacobian)
+    unknowns = np.eye(len(joint.covariance))
+    shown = np.vstack([unknowns[joint.parameters], problem.data.shown(unknowns[joint.levels])])
+    correlation = _correlation(shown @ joint.covariance @ shown.T)
     others = {name: letter(name) for name in names}
-    others |= {f"L_inf at {t:.0%}": f"L_inf at {t:.0%} throttle" for t in data.levels}
+    others |= {f"L_inf at {t:.0%}": f"L_inf at {t:.0%} throttle" for t in problem.data.levels}
     for j, (other, called) in enumerate(others.items()):
-        for i, name in enumerate(names[:j]):
-            r = float(correlation[i, j])
+        for name, r in zip(names[:j], correlation[j].tolist(), strict=False):
             if abs(r) > DEGENERATE:
-                text = f"{letter(name)} and {called} are confounded: r = {signed(r, 3)}"
-                pairs.append(Degeneracy(pair=(name, other), r=r, text=text))
-    jacobian = problem.jacobian(fit.theta)[:, known].T
-    unknown = {"height offset": problem.height_slope(fit.theta) / 1000}
+                add(name, other, r, f"and {called} are confounded: r = {signed(r, 3)}")
+    columns = {"height offset": problem.height_slope(theta) / 1000}
     if "n" not in names:
-        unknown["exponent n"] = problem.log_ratio(fit.theta)
-    for other, column in unknown.items():
-        white = problem.project(np.vstack([jacobian, column]))
-        if not white[-1] @ white[-1] > 0:
+        columns["exponent n"] = problem.log_ratio(theta)
+    for other, column in columns.items():
+        freed = joint_information(problem, np.column_stack([jacobian, column]))
+        if column.any() and not freed.determined.all():
+            add(names[0], other, 1.0, f"and the {other} are not distinguishable in these trials")
             continue
-        information = white @ white.T
-        if np.linalg.cond(_correlation(information)) > 1e12:
-            text = f"{letter(names[0])} and the {other} are not distinguishable in these trials"
-            pairs.append(Degeneracy(pair=(names[0], other), r=1.0, text=text))
-            continue
-        covariance = np.linalg.inv(information).astype(np.float64)
-        correlation, u = _correlation(covariance), np.sqrt(np.diag(covariance)).tolist()
-        size = f"{plain(u[-1], 2)}{' mm' if other == 'height offset' else ''}"
-        for i, name in enumerate(names):
-            r, who = float(correlation[i, -1]), letter(name)
-            now = float(fit.covariance[known[i], known[i]]) ** 0.5
+        size = f"{plain(float(freed.u[-1]), 2)}{' mm' if other == 'height offset' else ''}"
+        correlation = _correlation(freed.parameter_covariance)[-1]
+        for name, r, u in zip(names, correlation.tolist(), freed.u.tolist(), strict=False):
             if abs(r) > DEGENERATE:
                 text = (
-                    f"{who} and an unknown {other} are confounded: r = {signed(r, 3)}. With a free"
-                    f" {other}, u({who}) would be {plain(u[i], 2)} instead of {plain(now, 2)}, and"
-                    f" u({other}) = {size}"
+                    f"and an unknown {other} are confounded: r = {signed(r, 3)}. With a free"
+                    f" {other}, u({letter(name)}) would be {plain(u, 2)} instead of"
+                    f" {plain(fit.estimates[name].u, 2)}, and u({other}) = {size}"
                 )
-                pairs.append(Degeneracy(pair=(name, other), r=r, text=text, u_if_free=u[i]))
+                add(name, other, r, text, u)
     return tuple(pairs)
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:
-    """Correlation matrix of a covariance, or of an information."""
+    """Correlation matrix of a covariance; 0 where a variance is 0."""
     size = np.sqrt(np.diag(covariance))
-    return np.asarray(covariance / np.outer(size, size), dtype=np.float64)
+    safe = np.where(size > 0, size, 1.0)
+    return np.asarray(covariance / np.outer(safe, safe), dtype=np.float64)

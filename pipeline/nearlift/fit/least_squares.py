@@ -10,7 +10,7 @@ import numpy as np
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import height_error, information, inputs
-from nearlift.fit.information import LEAST_DOF, parameter_covariance
+from nearlift.fit.information import LEAST_DOF, joint_information
 from nearlift.fit.solver import solve
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Likelihood, height_slope, usable
@@ -34,7 +34,8 @@ AT_BOUND = 1e-6
 class LeastSquaresFit:
     """A model fitted to the trials of one boundary.
 
-    `theta`, `covariance` and `names` belong together. `levels` holds L_inf in N per throttle;
+    `theta`, `covariance`, `gain` (p, n) and `names` belong together; `gain` is the change of each
+    coefficient per unit change of each trial's log lift. `levels` holds L_inf in N per throttle;
     `level_coefficients` multiply the trials' `level_design`. `chi2` uses the scatter of repeats,
     so chi2 well above `dof` shows a fault of the model, not of the noise. The covariance of the
     likelihood `problem` was assembled from `slope` and `parts`, and is linearised about the height
@@ -46,6 +47,7 @@ class LeastSquaresFit:
     problem: Likelihood
     theta: FloatArray
     covariance: FloatArray
+    gain: FloatArray
     estimates: dict[str, Estimate]
     levels: dict[float, Estimate]
     level_coefficients: FloatArray
@@ -237,26 +239,22 @@ def _described(
     """Estimates with their intervals by Student's t, and L_inf."""
     data, parameters = problem.data, problem.model.parameters
     jacobian = problem.jacobian(theta)
-    covariance, determined = parameter_covariance(
-        problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1)
-    )
-    gain = information.gain(problem, theta)
-    toll = problem.d_levels_d_theta(jacobian)
+    joint = joint_information(problem, jacobian)
     level_coefficients = problem.best_levels(np.log(data.lift_N) - problem.log_ratio(theta))
-    level_covariance = problem.level_covariance + toll @ covariance @ toll.T
-    levels_gain = problem.d_shown_levels_d_lift + problem.d_shown_levels_d_theta(jacobian) @ gain
+    level_covariance = joint.covariance[joint.levels, joint.levels]
     effective, level_dof = (
-        information.freedom(problem, g, parts, scatter, slope) for g in (gain, levels_gain)
+        information.effective_dof(information.lines(problem, g, parts, scatter, slope), scatter)
+        for g in (joint.gain, data.shown(joint.level_gain))
     )
-    sd = np.sqrt(np.diag(covariance))
     width = np.array([q.bounds[1] - q.bounds[0] for q in parameters])
-    u = np.where(determined & (sd < VAGUE * width), sd, np.inf)
+    u = np.where(joint.u < VAGUE * width, joint.u, np.inf)
     levels_N = np.exp(data.shown(level_coefficients))
     u_levels = levels_N * np.sqrt(np.diag(problem.shown_covariance(level_covariance)))
     return LeastSquaresFit(
         problem=problem,
         theta=theta,
-        covariance=covariance,
+        covariance=joint.parameter_covariance,
+        gain=joint.gain,
         estimates={
             q.name: _estimate(value, sigma, dof, q.unit, q.bounds)
             for q, value, sigma, dof in zip(parameters, theta, u, effective, strict=True)

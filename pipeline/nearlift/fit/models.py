@@ -148,7 +148,8 @@ def _check_assumptions(results: FitResults, campaign: Campaign, fitted: LeastSqu
         )
 
     def freedom(g: FloatArray) -> FloatArray:
-        return information.freedom(problem, g, fitted.parts, fitted.noise, fitted.slope)
+        lines = information.lines(problem, g, fitted.parts, fitted.noise, fitted.slope)
+        return information.effective_dof(lines, fitted.noise)
 
     results.throttle_collapse[boundary] = collapse.examine(problem, theta, freedom)
     results.rotor_coefficient[boundary] = rotor.examine(

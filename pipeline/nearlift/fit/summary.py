@@ -57,7 +57,7 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
         undeclared=inputs.undeclared(
             fit.problem,
             fit.theta,
-            information.gain(fit.problem, fit.theta),
+            fit.gain,
             fit.parts,
             fit.slope,
         ),

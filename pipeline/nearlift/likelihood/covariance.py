@@ -91,7 +91,7 @@ class Covariance:
         )
         return d, w, amplitude, memory
 
-    def _own(self, x: FloatArray, transposed: bool = False) -> FloatArray:
+    def whiten_own(self, x: FloatArray, transposed: bool = False) -> FloatArray:
         """The whitener of all but the shared unknowns, or its transpose, along the last axis of x
         (..., n); trials in `order` once whitened.
         """
@@ -108,7 +108,7 @@ class Covariance:
         """Apply the inverse covariance that trials would have were the shared unknowns known, along
         the last axis of x (..., n).
         """
-        return self._own(self._own(x), transposed=True)
+        return self.whiten_own(self.whiten_own(x), transposed=True)
 
     def precision_blocks(self) -> tuple[tuple[IntArray, FloatArray], ...]:
         """Trials (m, b) and their block (m, b, b) of that inverse for each visit; one pair for each
@@ -135,19 +135,19 @@ class Covariance:
         """Orthonormal directions (n, k) of the whitened shared unknowns, and their
         squared lengths.
         """
-        whitened = self._own(self.shared.T).T
+        whitened = self.whiten_own(self.shared.T).T
         basis, length = left_singular(whitened)
         return basis, length**2
 
     def whiten(self, x: FloatArray) -> FloatArray:
         """Apply a W with W C W' = 1 along the last axis, shape (..., n)."""
-        return self._less_shared(self._own(x))
+        return self._less_shared(self.whiten_own(x))
 
     def unwhiten(self, x: FloatArray) -> FloatArray:
         """Apply W' of the same W along the last axis, shape (..., n): after `whiten`, the inverse
         covariance.
         """
-        return self._own(self._less_shared(x), transposed=True)
+        return self.whiten_own(self._less_shared(x), transposed=True)
 
     def _less_shared(self, x: FloatArray) -> FloatArray:
         if not self.shared.shape[1]:

@@ -109,15 +109,6 @@ class Likelihood:
         """
         return self._shown_levels(np.log(self.data.lift_N))
 
-    @property
-    def d_shown_levels_d_lift(self) -> FloatArray:
-        """Change of log L_inf of each throttle per unit change of each trial's log lift, theta
-        held, (K, n).
-        """
-        q, r = self._levels
-        gain = np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
-        return self.data.shown(gain)
-
     def project(self, x: FloatArray) -> FloatArray:
         """Whiten along the last axis and remove what a free L_inf per throttle absorbs; a row with
         a value that is not finite is nan.

@@ -211,11 +211,11 @@ def answers(answer: Answer) -> Answers:
         constrained = value, np.sqrt(u**2 + hidden)
         dof = np.full(len(u), few_visits.freedom(problem))
     else:
-        space, theta = problem.whitening(problem.parts, problem.slope), problem.theta
-        p, g = len(theta), np.zeros((0, problem.data.n))
-        if p:
-            g = information.gain(space, problem.base_fit.vector[:p])
-        dof = information.freedom(space, g, problem.parts, problem.noise, problem.slope)
+        space = problem.whitening(problem.parts, problem.slope)
+        jacobian = space.jacobian(problem.base_fit.vector[: len(problem.theta)])
+        gain = information.joint_information(space, jacobian).gain
+        lines = information.lines(space, gain, problem.parts, problem.noise, problem.slope)
+        dof = information.effective_dof(lines, problem.noise)
     return Answers(
         names=tuple(q.name for q in problem.base.parameters),
         bounds=tuple(q.bounds for q in problem.base.parameters),

@@ -200,19 +200,21 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
     value, u = answers.value, answers.members[0][1][1]
     low, high = answer.best.candidate.bounds
     likelihood, unknowns = _marginal_likelihood(answer, answers)
-    lines: tuple[information.Line, ...] = ()
+    gain = information.joint_information(likelihood, likelihood.jacobian(value)).gain
     if problem.independent:
-        lines = (information.repeated("visits left out in turn", np.diag(u**2)),)
-    elif p:
-        g = information.gain(likelihood, value)
+        # the only line of coefficients whose covariance comes from repeats as a whole
+        name = "visits left out in turn"
+        lines = [information.Line(name, u**2, unit="", scope="", distribution="")]
+    else:
         lines = information.lines(
-            likelihood, g, problem.parts, problem.noise, problem.slope, unknowns
+            likelihood, gain, problem.parts, problem.noise, problem.slope, unknowns
         )
     return Estimator(
         problem=likelihood,
         theta=value,
         u=u,
         dof=answers.dof,
+        gain=gain,
         lines=lines,
         parts=problem.parts,
         slope=problem.slope,
