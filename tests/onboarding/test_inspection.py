@@ -65,7 +65,7 @@ def test_a_dialect_can_be_given_and_is_in_the_block(tmp_path):
     assert tables["records"]["dialect"] == tomllib.loads("x = " + said)["x"]
     assert tables["records"]["time"] == {"column": "t", "unit": "ms"}
     assert tables["load_cell"]["sample_rate"] == "50 Hz"
-    assert "sign = 1}   # sign = -1 if lift makes these numbers negative" in answer.stdout
+    assert "sign = -1}   # lift makes these numbers smaller" in answer.stdout
     made = nearlift("new", tmp_path / "c", "--from", path, "--dialect", said.strip("{}"))
     assert made.exit_code == 0, made.stderr
     manifest = tomllib.loads((tmp_path / "c" / "campaign.toml").read_text())

@@ -74,6 +74,27 @@ def test_names_proposed_for_numbers_without_names_are_read_by_the_same_reader(
     assert inspect(path, dialect).reader == "text"
 
 
+@pytest.mark.parametrize("zero", [0.0, 700.0, -700.0, 100.0])
+@pytest.mark.parametrize("way", [1, -1])
+def test_the_sign_is_that_of_the_change_from_rest(tmp_path: Path, zero: float, way: int) -> None:
+    """Whatever a cell reads at rest, in a record of one lift and in a sweep from rest."""
+    t, force = sweeps.started(1.5, 0.05, 100, 7)
+    tables = proposed(tmp_path / "one.csv", t_s=t, thrust_g=zero + way * force)
+    assert tables["records"]["force"]["sign"] == way
+    columns = sweeps.sweep(2.0, np.random.default_rng(6))
+    force = {"force_mN": way * columns["force"]}
+    tables = proposed(
+        tmp_path / "r.csv", t_s=columns["t"], **force, throttle_pct=columns["throttle"]
+    )
+    assert tables["records"]["force"]["sign"] == way
+
+
+def test_without_a_rest_the_sign_is_asked_for(tmp_path: Path) -> None:
+    columns = {"t_s": np.arange(400) / 100, "thrust_g": -300 + np.sin(np.arange(400.0))}
+    assert proposed(tmp_path / "a.csv", **columns)["records"]["force"]["sign"] == 1
+    assert "sign = -1 if lift makes" in block(inspect(tmp_path / "a.csv"))
+
+
 def test_new_proposes_a_tare_and_settling_with_a_margin(tmp_path: Path) -> None:
     (tmp_path / "rig").mkdir()
     for k in range(8):

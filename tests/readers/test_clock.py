@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from nearlift.errors import InputRefused
 from nearlift.onboarding.inspection import inspect
 from nearlift.onboarding.shown import block
 from nearlift.readers import reader
-from nearlift.readers.base import rate_of
+from nearlift.readers.base import pick, rate_of
 from nearlift.readers.clock import seconds_of
 from nearlift.reduction.samples import Conditions, clock_codes
 
@@ -176,7 +178,51 @@ def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     )
     path.write_text("time,force\n12:00:00,1\nlater,2\n12:00:02,3\n")
     assert any(
-        "'time' is a time of day: not read: row 2" in n for n in inspect(path).contents.notes
+        "column 'time' is not read: line 3 has 'later'" in n for n in inspect(path).contents.notes
     )
-    with pytest.raises(InputRefused, match="no time of day in column 'time', row 2"):
+    with pytest.raises(InputRefused, match="line 3: has 'later' in column 'time', no time of"):
         reader("csv").open(path, {}, ("force", "time"))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "fractions", "unit_s"),
+    [
+        ("secs", "nsecs", 1e-9),
+        ("sec", "nanosec", 1e-9),
+        ("header.stamp.secs", "header.stamp.nsecs", 1e-9),
+        ("tv_sec", "tv_usec", 1e-6),
+        ("Seconds", "Milliseconds", 1e-3),
+        ("time (s)", "time (ms)", 1e-3),
+    ],
+)
+def test_a_clock_in_two_columns_is_read_as_one(
+    tmp_path: Path, seconds: str, fractions: str, unit_s: float
+) -> None:
+    """At 40 Hz over three seconds, from the middle of one."""
+    path, ticks = tmp_path / "a.csv", np.arange(120) * 25 + 300
+    rows = zip(1_700_000_000 + ticks // 1000, ticks % 1000 * round(1e-3 / unit_s), strict=True)
+    lines = "".join(f"{s},{f},{i % 7}\n" for i, (s, f) in enumerate(rows))
+    path.write_text(f"{seconds},{fractions},force_N\n{lines}")
+    proposed = tomllib.loads(block(inspect(path)))
+    assert proposed["load_cell"]["sample_rate"] == "40 Hz"
+    assert proposed["records"]["time"] == {"column": seconds, "unit": "s"}
+    clock, force = reader("csv").open(path, {}, ("force_N", seconds)).channels
+    assert (clock.name, clock.unit, force.name) == (seconds, "s", "force_N")
+    np.testing.assert_allclose(np.diff(clock.values), 0.025, atol=1e-9)
+    # the fractions alone are no clock
+    with pytest.raises(InputRefused, match=f"records.time.column = .{re.escape(seconds)}"):
+        pick(
+            reader("csv").open(path, {}, (fractions,)).channels,
+            fractions,
+            "records.time.column",
+            "a",
+        )
+
+
+def test_two_clocks_are_not_joined(tmp_path: Path) -> None:
+    """Neither whole seconds and all milliseconds, nor seconds with decimals."""
+    for whole in (np.floor(np.arange(120) / 40), np.arange(120) / 40):
+        path = tmp_path / "a.csv"
+        rows = zip(whole, 25 * np.arange(120), strict=True)
+        path.write_text("t_s,t_ms,F\n" + "".join(f"{s:g},{ms},{ms % 7}\n" for s, ms in rows))
+        assert [c.name for c in inspect(path).contents.channels] == ["t_s", "t_ms", "F"]

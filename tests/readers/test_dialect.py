@@ -10,7 +10,7 @@ from tests.readers.reading import read
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import dialect, table, text
-from nearlift.readers.dialect import Dialect, sniff
+from nearlift.readers.dialect import Dialect, NoNames, sniff
 
 
 def layout(content: str | bytes, said: Dialect = dialect.UNSTATED) -> table.Layout:
@@ -93,6 +93,32 @@ def test_two_header_rows(content: str, names: tuple[str, ...], units: tuple[str,
     shown = layout(content)
     assert (shown.names, shown.units) == (names, units)
     assert shown.first == (2 if "OVER" in content else 3)
+
+
+FORCES = ("Force 1", "Force 2", "Force 3")
+
+
+@pytest.mark.parametrize(
+    ("content", "names", "units", "first"),
+    [
+        ("Force,,\n1,2,3\n4,5,6\n", FORCES, ("", "", ""), 3),
+        ("Time,Force,,\n,1,2,3\n0.1,4,5,6\n", ("Time", *FORCES), ("", "", "", ""), 3),
+        ("Time,Force,,\ns,1,2,3\n0.1,4,5,6\n", ("Time s", *FORCES), ("s", "", "", ""), 3),
+        ("Time,Force,,\n,1,2,3\ns,N,N,N\n0.1,4,5,6\n", ("Time", *FORCES), ("s", "N", "N", "N"), 4),
+        ("t;F [N];\n;4;7\n0,1;2,5;0,3\n", ("t", "F 4 [N]", "F 7 [N]"), ("", "N", "N"), 3),
+        ("t [s];A;;B;\n;1;2;1;2\n1;2;3;4;5\n", ("t [s]", "A 1", "A 2", "B 1", "B 2"), ("s", "", "", "", ""), 3),
+    ],
+)  # fmt: skip
+def test_numbers_under_a_merged_cell_are_names(
+    content: str, names: tuple[str, ...], units: tuple[str, ...], first: int
+) -> None:
+    shown = layout(content)
+    assert (shown.names, shown.units, shown.first) == (names, units, first)
+
+
+def test_counts_that_are_no_numbers_of_columns_stay_a_row() -> None:
+    with pytest.raises(NoNames):
+        layout("Run 5,,\n7,9,4\n8,9,3\n")
 
 
 def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:

@@ -128,6 +128,38 @@ def test_a_recipe_reads_what_has_no_header(tmp_path: Path) -> None:
     assert values(found) == [0.02, 0.04]
 
 
+@pytest.mark.parametrize(
+    ("content", "unit"),
+    [
+        ("t,F\n0,0.123 N\n1,\n2,-1.5 N\n", "N"),
+        ("t,F\n0,0.123mN\n1,nan mN\n2,-1.5mN\n", "mN"),
+        ("t,F [g]\n0,0.123 g\n1,OVER\n2,-1.5 g\n", "g"),
+        ("t;F\n0 s;0,123 N\n1 s;\n2 s;-1,5 N\n", "N"),
+    ],
+)
+def test_units_in_cells(tmp_path: Path, content: str, unit: str) -> None:
+    for names in (None, ("t", "F")):
+        clock, force = read(tmp_path, content, names=names).channels
+        assert force.unit == unit
+        np.testing.assert_array_equal(clock.values, [0, 1, 2])
+        np.testing.assert_array_equal(force.values, [0.123, np.nan, -1.5])
+
+
+def test_units_that_differ_in_a_column_are_refused_with_their_line(tmp_path: Path) -> None:
+    for content, line in (
+        ("t,F\n0,2 N\n\n1,3 N\n2,12.3 mN\n", "line 5: has '12.3 mN' in column 'F', no number of N"),
+        ("t,F\n0,2 N\n1,3\n", "line 3: has '3' in column 'F', no number of N"),
+        ("t,F (N)\n0,2 mN\n1,3 mN\n", r"line 2: has '2 mN' in column 'F \(N\)', no number of N"),
+    ):
+        with pytest.raises(InputRefused, match=line):
+            read(tmp_path, content, names=("t", "F"))
+        noted = read(tmp_path, content)
+        assert [c.name for c in noted.channels] == ["t"]
+        assert "is not read: line" in " ".join(noted.notes)
+    with pytest.raises(InputRefused, match=r"'1,234' may be 1\.234 or 1234"):
+        read(tmp_path, "t;F\n0;1,234 N\n1;2,345 N\n")
+
+
 def test_labelled_cells(tmp_path: Path) -> None:
     found = read(tmp_path, "T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n", {"labels": True})
     assert [c.name for c in found.channels] == ["T", "C"]

@@ -305,6 +305,32 @@ def test_error_codes_of_a_converter_leave_tare_and_live_part_apart(
         assert 0.5 < got.u_lift_N / want.u_lift_N < 2.0
 
 
+@pytest.mark.parametrize("code", [9.999, -32.768, 8388.607])
+@pytest.mark.parametrize(
+    ("where", "runs", "length"), [("tare", 1, 12), ("live", 1, 60), ("live", 4, 9)]
+)
+def test_a_code_that_is_held_leaves_mean_and_uncertainty(
+    code: float, where: str, runs: int, length: int
+) -> None:
+    for seed in range(3):
+        clean = record(np.random.default_rng(seed), tare=100, live=900)
+        want, force = reduced(clean, tare_s=0.1), clean.copy()
+        for first in (40 if where == "tare" else 200) + 3 * length * np.arange(runs):
+            force[first : first + length] = code
+        got = reduced(force, tare_s=0.1)
+        assert (got.codes, got.n_removed) == (("spikes",), runs * length)
+        assert got.lift_N == pytest.approx(want.lift_N, abs=want.u_lift_N)
+        assert got.u_lift_N == pytest.approx(want.u_lift_N, rel=0.3)
+
+
+def test_a_coarse_rest_or_lift_that_holds_is_no_code() -> None:
+    """Rotors that stop for a tenth of the record, read without noise: the tare's level."""
+    force = np.round(record(np.random.default_rng(3), tare=100, live=900), 2)
+    force[500:590] = 0.01
+    assert {"MIXED", "STUCK"} & {*reduced(force, tare_s=0.1).codes}
+    assert {"MIXED", "STUCK"} & {*reduced(force[100:], tare_s=0.0).codes}
+
+
 def test_one_spike_in_the_tare_is_left_out_whatever_is_in_the_live_part() -> None:
     clean = record(np.random.default_rng(5), tare=40, live=120)
     force = clean.copy()
@@ -344,7 +370,7 @@ def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
         assert got.codes == (("out_of_range",) if abs(size) > 1e9 else ("spikes",))
         assert got.lift_N == pytest.approx(0.2, abs=5e-4)
         assert got.u_lift_N < 1e-3
-    force[300:308] = 20.0
+    force[300:520] = 20.0
     assert "SATURATED" in reduced(force, tare_s=0.2, range_N=9.8).codes
     assert "SATURATED" in reduced(clean + 20.1, tare_s=0.2, range_N=9.8).codes
 
@@ -509,6 +535,25 @@ def test_a_spin_up_that_settle_should_have_covered() -> None:
     force[2000:2500] *= np.linspace(0.2, 1, 500)
     assert "unsettled" in reduced(force).codes
     assert reduced(force, settle_s=0.5).codes == ()
+
+
+@pytest.mark.parametrize("settle_s", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("noise_N", [0.02, 0.2])
+def test_a_slow_start_after_the_tare_is_named_or_within_the_uncertainty(
+    settle_s: float, noise_N: float
+) -> None:
+    """3 N with a time constant of 0.25 s."""
+    since = np.arange(8000) / RATE - 2.02
+    away = []
+    for seed in range(4):
+        noise = np.random.default_rng(seed).normal(0, noise_N, 8000)
+        force = 3 * np.where(since < 0, 0, 1 - np.exp(-since.clip(0) / 0.25)) + noise
+        got = reduced(force, settle_s=settle_s)
+        assert abs(got.lift_N - 3) < 0.05
+        away.append(
+            0.0 if {"unsettled", "slow"} & {*got.codes} else (got.lift_N - 3) / got.u_lift_N
+        )
+    assert abs(np.mean(away)) < 1.5
 
 
 @pytest.mark.parametrize("head_s", [0.3, 0.9, 1.9, 2.1, 3.0])

@@ -19,12 +19,15 @@ from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.files import GZIP, content_of, head_of
 from nearlift.readers.guarded import Malformed
+from nearlift.readers.sweep import levels_of
 from nearlift.readers.text import CSV, SHEET, TEXT
 from nearlift.reduction.start import RotorStart, start_of, wrap_of
 
 #: First bytes of a DataFlash log: two that begin each message, and the type of its formats.
 DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
+#: Share of a sweep's largest lift that its first level has at rest.
+NEAR_ZERO = 0.3
 FOLDERS = "name files; `nearlift new DIR --from FOLDER` takes them all"
 #: Covariates of a schedule that a channel of a record may be.
 COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "humidity")
@@ -77,6 +80,22 @@ class Inspection:
         if self.force is None or not self.force.rate_Hz or self.ramp is not None:
             return None
         return start_of(self.force.values, self.force.rate_Hz)
+
+    @property
+    def sign(self) -> int:
+        """Sign of the change from rest to lift, 1 or -1; 0 where no rest is detectable."""
+        if self.force is None or self.wraps or not (self.start or self.ramp):
+            return 0
+        levels = levels_of(self.force.values)
+        rest = levels[0]
+        if self.start is not None:
+            lift = float(np.nanmedian(self.force.values[self.start.steady_from :]))
+        else:
+            lift = levels[np.abs(levels).argmax()]
+            # a sweep that does not begin near zero shows no rest
+            if abs(rest) > NEAR_ZERO * abs(lift):
+                return 0
+        return 1 if lift > rest else -1
 
     @functools.cached_property
     def further(self) -> Mapping[str, tuple[Channel, str]]:

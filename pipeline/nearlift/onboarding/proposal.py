@@ -159,10 +159,10 @@ def _force(first: Inspection) -> tuple[InlineTable, str]:
     elif unit not in FORCE_UNITS:
         content["unit"] = BLANK
         remarks.append("the file does not say the unit")
-    values = force.values[np.isfinite(force.values)]
-    # single error codes aside
-    low, high = np.quantile(values, [0.05, 0.95]) if len(values) else (0.0, 0.0)
-    if -low > 3 * abs(high) and not first.wraps:
+    if first.sign:
+        content["sign"] = first.sign
+        remarks += ["lift makes these numbers smaller"] * (first.sign < 0)
+    elif not first.wraps and (force.values < 0).sum() > len(force.values) / 2:
         remarks.append("sign = -1 if lift makes these numbers negative")
     return _inline(content), "; ".join(remarks)
 

@@ -126,6 +126,13 @@ def unit_word(cell: str) -> str | None:
     return UNITS.get(plain) if plain else ""
 
 
+def parted(cell: str) -> tuple[str, str]:
+    """Number and unit of a cell such as ``0.123 N``; the cell and no unit of any other."""
+    tail = re.split(r"^nan|\d", cell, flags=re.IGNORECASE)[-1]
+    unit = unit_word(tail.strip(" .,")) if tail != cell else ""
+    return (cell[: len(cell) - len(tail)], unit) if unit else (cell, "")
+
+
 def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Channel:
     """The channel of that name: as written, else folded, else folded without its unit or its group.
 

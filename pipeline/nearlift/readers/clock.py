@@ -27,6 +27,11 @@ _TIME = re.compile(
     r"(?:\s*(?P<zone>z|utc|gmt|[a-z]{2,4}t|[-+]\d{2}:?\d{2}))?",
     re.IGNORECASE,
 )
+#: End of the name of a column of whole seconds, or (with a prefix) of their fractions.
+_IN_SECONDS = re.compile(
+    r"(?<![a-zµμ])(n|nano|u|µ|μ|micro|m|milli|)s(?:ec(?:ond)?s?)?[)\]]?$", re.IGNORECASE
+)
+_FRACTIONS = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3}
 
 
 def is_time(cell: str) -> bool:
@@ -56,6 +61,32 @@ def seconds_of(cells: Sequence[str]) -> tuple[FloatArray, int | None]:
         days[known[1:]] = np.cumsum(np.diff(values[known]) < -period / 2) * (period / DAY_S)
     # days first: a date's own seconds leave no digits for a sample's
     return values - values[known[0]] + DAY_S * (days - days[known[0]]), None
+
+
+def two_columns(names: Sequence[str]) -> dict[int, tuple[int, float]]:
+    """Clocks in two columns, such as ROS's ``stamp.secs`` and ``stamp.nsecs``: place of the whole
+    seconds -> place and unit, s, of the fractions.
+    """
+    parts: dict[str, dict[str, int]] = {}
+    for i, name in enumerate(names):
+        if match := _IN_SECONDS.search(name):
+            parts.setdefault(name[: match.start()].lower(), {})[match[1][:1].lower()] = i
+    return {
+        places[""]: (places[sign], unit)
+        for places in parts.values()
+        for sign, unit in _FRACTIONS.items()
+        if "" in places and sign in places
+    }
+
+
+def joined(whole: FloatArray, fractions: FloatArray, unit_s: float) -> FloatArray | None:
+    """Seconds from the first whole one (n,) of a clock in two columns; None where they are none."""
+    known = np.isfinite(whole) & np.isfinite(fractions)
+    parts = unit_s * fractions[known]
+    if not (known.any() and (whole[known] % 1 == 0).all() and ((parts >= 0) & (parts < 1)).all()):
+        return None
+    seconds: FloatArray = whole - whole[known][0] + unit_s * fractions
+    return seconds
 
 
 def _divided(text: str) -> tuple[str, str]:

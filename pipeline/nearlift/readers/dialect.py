@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.base import Names, RecordsDialect, fitting, split_unit, unit_word
+from nearlift.readers.base import Names, RecordsDialect, fitting, parted, split_unit, unit_word
 from nearlift.readers.table import BLANKS, NONE, SEPARATORS, SPOKEN, Layout
 from nearlift.units import NUMBER
 
@@ -231,7 +231,7 @@ def refuse_thousands(layout: Layout, lines: Sequence[str], where: str, said: Dia
     if layout.decimal == "." or said.decimal or said.thousands:
         return
     rows = (cell for line in lines[layout.first - 1 :] for cell in _cut(line, layout))
-    cells = (cell for cell in rows if "," in cell)
+    cells = (parted(cell)[0] for cell in rows if "," in cell)
     cell = next(cells, "")
     if _THOUSANDS.fullmatch(cell) and all(map(_THOUSANDS.fullmatch, cells)):
         at, what = f"{where}, line {layout.first}", f"{cell!r} may be {cell.replace(',', '.')} or"
@@ -254,6 +254,10 @@ def _fitted(
     none.
     """
     start = _first_row(lines, where, signs, said.skip, strict)
+    near = [_cut(line, signs) for line in lines[start - 1 : start + 2]] if start else []
+    if len(near) == 3 and not said.columns and _merged(*near)[0]:
+        # numbers of columns under a merged cell are no row
+        start = _first_row(lines, where, signs, start + 1, strict)
     at, row = f"{where}, line {start + 1}", _cut(lines[start], signs)
     names, units, top = _header(lines, at, signs, said, start, row)
     more = len(row) - len(names)
@@ -302,11 +306,12 @@ def _fitted(
 
 def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, strict: bool) -> int:
     """Index of the first line that holds a number, or of words for "no number" right above it;
-    `strict`: and no other words.
+    `strict`: and no other words than units behind numbers.
     """
     first = skip
     for at in range(skip, len(lines)):
-        numbers = [signs.value(cell) for cell in _cut(lines[at], signs)]
+        cells = _cut(lines[at], signs)
+        numbers = [signs.value(parted(cell)[0] if strict else cell) for cell in cells]
         numeric = any(value is not None and value == value for value in numbers)
         if numeric and (not strict or None not in numbers):
             return min(first, at)
@@ -322,11 +327,15 @@ def _header(
     """Names and units of the columns, and the index of the line of names, or of the first row."""
     if said.columns:
         return said.columns, said.units or ("",) * len(said.columns), start
-    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:2]
-    lower, upper = ([_names(lines[i], signs, len(row)) for i in above] + [(), ()])[:2]
-    if upper:
+    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:3]
+    cut = [*(_cut(lines[i], signs) for i in above), [], [], []]
+    # names over several columns, and their parts below
+    merged = [_merged(cut[k + 1], cut[k], row) for k in (0, 1)]
+    plain = [_names(lines[i], signs, len(row)) for i in above[:2]] + [(), ()]
+    lower, upper = (whole[0] or names for whole, names in zip(merged, plain, strict=False))
+    if upper and not merged[0][0]:
         # a row of units below that of names
-        units = [_unit(cell) for cell in _cut(lines[above[0]], signs)][: len(upper)]
+        units = [_unit(cell) for cell in cut[0]][: len(upper)]
         if len(units) == len(upper) and None not in units and any(units):
             return upper, tuple(unit or "" for unit in units), above[1]
     if not lower:
@@ -336,13 +345,43 @@ def _header(
         refusal = NoNames(at, what, remedy)
         refusal.lines, refusal.columns = 1, len(row)
         raise refusal
-    wide = _cut(lines[above[1]], signs) if len(above) > 1 else []
-    if len(wide) == len(lower) > sum(map(bool, wide)) > 1 and wide[0]:
-        # names over several columns, and their parts below
-        whole = [next(filter(None, wide[k::-1])) for k in range(len(wide))]
-        lower = tuple(f"{name} {part}" for name, part in zip(whole, lower, strict=True))
-        above = above[1:]
-    return lower, tuple(split_unit(name)[1] for name in lower), above[0]
+    return lower, merged[0][1] or tuple(split_unit(name)[1] for name in lower), above[0]
+
+
+def _merged(
+    over: Sequence[str], below: Sequence[str], row: Sequence[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of columns with cells `over` them that are merged, as ``Force,,``, and parts
+    `below`: names, or numbers of columns. None where the two lines are no such names.
+
+    Numbers are those of columns if they count from 1, or if those of the `row` after them have
+    decimals.
+    """
+    whole = [next(filter(None, over[k::-1]), "") for k in range(len(over))]
+    inside = [k for k, name in enumerate(whole) if name and not over[k]]
+    inside = sorted({*inside, *(k - 1 for k in inside)})
+    if not inside or not len(over) == len(below) == len(row):
+        return (), ()
+    parts, counted = [below[k] for k in inside], True
+    if all(part.isdecimal() for part in parts):
+        counts = (1 if over[k] else int(below[k - 1]) + 1 for k in inside)
+        counted = [int(part) for part in parts] == [*counts]
+        if not counted and any(row[k].isdecimal() for k in inside):
+            return (), ()
+    elif any(map(NUMBER.fullmatch, below)) or not (
+        all(below) and over[0] and sum(map(bool, over)) > 1
+    ):
+        return (), ()
+    names, units = [], []
+    for k, (name, part) in enumerate(zip(whole, below, strict=True)):
+        bare, unit = split_unit(name)
+        if k in inside and unit:
+            names.append(f"{bare} {part} [{unit}]")
+        else:
+            apart = k not in inside and NUMBER.fullmatch(part)
+            names.append(name if apart else f"{name} {part}".strip())
+        units.append(unit or split_unit(names[-1])[1] or (unit_word(part) or ""))
+    return tuple(names), tuple(units)
 
 
 def _unit(cell: str) -> str | None:
@@ -356,7 +395,7 @@ def _names(line: str, signs: Layout, columns: int) -> tuple[str, ...]:
     row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), signs)
     while len(row) > 1 and row[-1] == "":
         row.pop()
-    if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
+    if any(NUMBER.fullmatch(parted(cell)[0]) for cell in row) or not all(row):
         return ()
     several = signs.separator.strip() and len(row) > 1
     return tuple(row) if several or len(row) in (columns, columns - 1) else ()

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.base import (
     SECONDS,
@@ -33,11 +34,12 @@ from nearlift.readers.base import (
     RecordsDialect,
     fitting,
     fold,
+    parted,
     pick,
     rate_of,
     split_unit,
 )
-from nearlift.readers.clock import is_time, seconds_of
+from nearlift.readers.clock import is_time, joined, seconds_of, two_columns
 from nearlift.readers.dialect import (
     OPTIONS,
     Dialect,
@@ -217,15 +219,16 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     row = _cells(body.lstrip(b"\n"), layout)[: len(layout.names)]
     words = {i for i, cell in enumerate(row) if layout.value(cell) is None}
     times = {i for i in words if is_time(row[i])}
+    measured = {i for i in words if parted(row[i])[1]}
+    split = two_columns(layout.names)
     if layout.spoken:
         notes.append(f"text read as {layout.spoken}")
     if names is None:
-        chosen = {*layout.numeric} | (times := times & {*layout.texts})
+        chosen = {*layout.numeric} | ((times | measured) & {*layout.texts})
         notes += [
             f"column {name!r} is not read: {row[i]!r} is no time of day that is known"
             for i, name in enumerate(layout.names)
-            if i in words
-            and not is_time(row[i])
+            if i in words - times - measured
             and (re.search(r"\d:\d\d", row[i]) or fold(split_unit(name)[0]) in CALLED_TIME)
         ]
     else:
@@ -235,20 +238,39 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
             place = f"{where}, line {max(layout.first - 1, 1)}"
             # refuses: none of them fits
             pick(channels, names[0], "records.force.column", place)
-    numbers, clocks = sorted(chosen - times), sorted(chosen & times)
-    arrays, texts = parse(rows, layout, numbers, clocks)
+        chosen |= {
+            i for whole, (rest, _) in split.items() if chosen & {whole, rest} for i in (whole, rest)
+        }
+    numbers, spelled = sorted(chosen - times - measured), sorted(chosen & (times | measured))
+    arrays, texts = parse(rows, layout, numbers, spelled)
     columns = {i: (layout.units[i], values) for i, values in zip(numbers, arrays, strict=True)}
-    for i, cells in zip(clocks, texts, strict=True):
-        seconds, bad = seconds_of(cells)
-        name, is_read = layout.names[i], "read as seconds from its first"
-        if bad is None:
-            columns[i] = "s", seconds
-        elif names is not None:
-            what = f"has no time of day in column {name!r}, row {bad + 1}"
-            raise InputRefused(where, what, CORRECT_LINE)
+    for i, cells in zip(spelled, texts, strict=True):
+        name = layout.names[i]
+        if i in times:
+            unit, (values, bad) = "s", seconds_of(cells)
+            notes += [f"column {name!r} is a time of day: read as seconds from its first"] * (
+                bad is None
+            )
         else:
-            is_read = f"not read: row {bad + 1} is none"
-        notes.append(f"column {name!r} is a time of day: {is_read}")
+            unit = layout.units[i] or parted(row[i])[1]
+            values, bad = _measured(cells, layout, unit)
+        if bad is None:
+            columns[i] = unit, values
+            continue
+        line = [number for number, _ in rows][bad]
+        kind = "time of day" if i in times else f"number of {unit}"
+        what = f"has {cells[bad]!r} in column {name!r}, no {kind}"
+        if names is not None:
+            raise InputRefused(f"{where}, line {line}", what, CORRECT_LINE)
+        notes.append(f"column {name!r} is not read: line {line} {what}")
+    for whole, (rest, unit_s) in split.items():
+        if {whole, rest} <= columns.keys():
+            seconds = joined(columns[whole][1], columns[rest][1], unit_s)
+            if seconds is not None:
+                columns[whole] = "s", seconds
+                del columns[rest]
+                pair = f"{layout.names[whole]!r} and {layout.names[rest]!r}"
+                notes.append(f"columns {pair} are one clock: read as seconds from its first")
     return Contents(
         channels=tuple(
             Channel(name=layout.names[i], unit=unit, values=values)
@@ -258,6 +280,20 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
         codes=("truncated",) if text.cut else (),
         notes=tuple(notes),
     )
+
+
+def _measured(cells: Sequence[str], layout: Layout, unit: str) -> tuple[FloatArray, int | None]:
+    """Numbers of cells such as ``0.123 N`` (n,), all in this unit or of no number; and the index of
+    the first other one.
+    """
+    values = np.full(len(cells), np.nan)
+    for i, cell in enumerate(cells):
+        number, stated = parted(cell)
+        value = layout.value(number)
+        if value is None or (value == value and stated != unit):
+            return values, i
+        values[i] = value
+    return values, None
 
 
 def cells_of(content: bytes, where: str, dialect: RecordsDialect) -> tuple[Layout, list[list[str]]]:

@@ -92,7 +92,8 @@ def far_samples(values: FloatArray, step: float) -> BoolArray:
 def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> BoolArray | None:
     """Mask of readings that no force explains, such as a converter's error codes.
 
-    None where there is none, or where they are a whole part of the record.
+    None where there is none, or where they are a whole part of the record. Codes may be held for
+    many samples.
 
     `other` is the mean of the part of the record that borders on this one. It borders at this
     part's `first` sample, or else at its last. Samples there between the two levels are rotors that
@@ -114,7 +115,13 @@ def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> 
     # by what two samples move the mean of a long record is below its standard error
     matters = first and away[0] > MATTERS * limit / IMPOSSIBLE * math.sqrt(len(values))
     border[: 0 if matters and run <= UNSEEN else run] = False
-    return mask if mask.any() and are_single(mask, IMPOSSIBLE_SHARE) else None
+    if not mask.any() or np.count_nonzero(mask) > max(1.0, IMPOSSIBLE_SHARE * len(mask)):
+        return None
+    # a code that is held counts once; lift and rest, 0 where no other part is, may hold as well
+    rest = other if math.isfinite(other) else 0.0
+    beyond = np.abs(values - (level + rest) / 2) > abs(level - rest)
+    held = mask & beyond & (np.diff(values, prepend=np.nan) == 0)
+    return mask if are_single(mask & ~held, IMPOSSIBLE_SHARE) else None
 
 
 def are_single(mask: BoolArray, largest_share: float = LARGEST_SHARE) -> bool:
