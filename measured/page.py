@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from nearlift.catalogue import titled
-from nearlift.report.figures.style import SERIES, Style, context
+from nearlift.report.figures.style import DOUBLE_IN, SERIES, context
 from nearlift.report.phrases import MIN_LISTED
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, HeldOutRmse
 from nearlift.results.quotation import BoundaryResult, Results
@@ -262,7 +262,7 @@ def write_rows(path: Path, pairs: Sequence[Pair]) -> None:
 
 def draw_errors(rows: Sequence[Measured]) -> Figure:
     """Held-out errors before and after, by campaign."""
-    figure = Figure(figsize=(Style().double_in, 2.5), layout="constrained")
+    figure = Figure(figsize=(DOUBLE_IN, 2.5), layout="constrained")
     ax = figure.subplots()
     colour = SERIES[0][0]
     at = np.arange(len(rows))
@@ -297,7 +297,7 @@ def draw(pairs: Sequence[Pair]) -> Figure:
     names = list(dict.fromkeys(p.case.campaign for p in pairs))
     columns = list(dict.fromkeys((p.case.kind, p.case.size) for p in pairs))
     where = {(k, s): i + 0.6 * KINDS.index(k) for i, (k, s) in enumerate(columns)}
-    figure = Figure(figsize=(Style().double_in, 0.9 + 0.24 * len(names)), layout="constrained")
+    figure = Figure(figsize=(DOUBLE_IN, 0.9 + 0.24 * len(names)), layout="constrained")
     ax = figure.subplots()
     for name in OUTCOMES:
         mine = [p.case for p in pairs if outcome(*p) == name]

@@ -1,8 +1,8 @@
 """Make again the figures of docs/closing-the-loop.md, and README's Figure 2:
 ``python docs/worked/closing_the_loop.py OUT [PITT]``.
 
-Runs the demo, and the measured campaign pitt-ras-2017 if its folder PITT is given, into OUT,
-explains their effect, and puts reduced copies of the figures into docs/figures.
+Runs the demo, and the measured campaign pitt-ras-2017 if its folder PITT is given, into OUT, and
+puts reduced copies of the figures into docs/figures.
 """
 
 import sys
@@ -37,15 +37,10 @@ def keep(source: Path, name: str) -> None:
 if __name__ == "__main__":
     out = Path(sys.argv[1])
     nearlift("demo", "--out", out, "-q")
-    nearlift("diagnose", out / "demo-campaign", "--out", out, "--explain", "supply_sag", "-q")
-    nearlift("diagnose", out / "demo-campaign", "--out", out, "--explain", "height_offset", "-q")
     reports = out / "reports"
     keep(reports / "demo/fig2.png", "fig2-demo")
     keep(reports / "demo/diagnosis.png", "loop-demo")
-    keep(reports / "demo/explain/height_offset.png", "explain-height_offset")
     if len(sys.argv) > 2:
         pitt = Path(sys.argv[2])
         nearlift("run", pitt, "--out", out, "-q")
-        nearlift("diagnose", pitt, "--out", out, "--explain", "supply_sag", "-q")
         keep(reports / "pitt-ras-2017/diagnosis.png", "loop-pitt")
-        keep(reports / "pitt-ras-2017/explain/supply_sag.png", "explain-supply_sag-pitt")

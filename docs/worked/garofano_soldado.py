@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from nearlift.datasets.converters import garofano_soldado_table
-from nearlift.report.figures.style import REFERENCES, SERIES, Style, context
+from nearlift.report.figures.style import DOUBLE_IN, REFERENCES, SERIES, context
 
 HERE = Path(__file__).resolve().parent
 FIGURES = HERE.parent / "figures"
@@ -77,11 +77,11 @@ def fit(at: dict[str, Any], model: str) -> tuple[float, int, np.ndarray]:
     return 2 * found.cost, len(at["z"]) - 1 - len(start), found.x
 
 
-def draw_models(found: list[dict[str, Any]], look: Any) -> Figure:
+def draw_models(found: list[dict[str, Any]]) -> Figure:
     """The coplanar pair beside its fits; chi-square over its degrees of freedom for all
     configurations.
     """
-    figure = Figure(figsize=(look.double_in, 2.7), layout="constrained")
+    figure = Figure(figsize=(DOUBLE_IN, 2.7), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     at = found[0]
     looks = [
@@ -149,9 +149,9 @@ def label(at: dict[str, Any]) -> str:
     return rf"$\alpha$ {at['alpha']:.0f}°{way if at['alpha'] else ''}, $\beta$ {at['beta']:.0f}°"
 
 
-def draw_tilt(found: list[dict[str, Any]], look: Any) -> Figure:
+def draw_tilt(found: list[dict[str, Any]]) -> Figure:
     """Thrust along the axes far away, and the gain closest to the ground, against tilt."""
-    figure = Figure(figsize=(look.double_in, 2.6), layout="constrained")
+    figure = Figure(figsize=(DOUBLE_IN, 2.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     flat = found[0]
     groups = (
@@ -205,10 +205,9 @@ def save(figure: Figure, name: str) -> None:
 
 if __name__ == "__main__":
     found = configurations(Path(sys.argv[1]))
-    look = Style()
     with context():
-        save(draw_models(found, look), "garofano-models")
-        save(draw_tilt(found, look), "garofano-tilt")
+        save(draw_models(found), "garofano-models")
+        save(draw_tilt(found), "garofano-tilt")
     rows = [
         {
             "case": c["case"],

@@ -344,7 +344,7 @@ def next_visits(
     """Propose the next visits.
 
     For a coefficient, or to distinguish two effects. They are chosen from the campaign's trials,
-    with a share at all stations. Prints their gain, where to stop, and their cost. Stages ingest
+    with a share at all stations. Prints their gain, and where to stop. Stages ingest
     and, for identified effects, diagnose must have run. Nothing is written.
     """
     from nearlift.report import visits

@@ -196,31 +196,20 @@ def _remarks(members: Sequence[Entry], together: Population | None) -> Iterator[
 
 
 def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignComparison:
-    """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and
-    return the content of the first.
+    """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv; return the content
+    of the first.
     """
     from nearlift.report.figures import forest
-    from nearlift.report.page import comparison
-    from nearlift.stages.gathering import for_print
+    from nearlift.report.figures.files import render
+    from nearlift.report.tables import csv
 
     content = compared([e for folder in finished(out, names) for e in entries(folder)], shared)
-    target = out / "reports" / FOLDER
     rows = forest.table(content)
-    files = for_print(forest.draw, rows)
-    remarks = [
-        f"{group.boundary.capitalize()}, {group.coefficient}: {remark}"
-        for group in content.groups
-        for remark in group.remarks
-    ]
-    pages = (path.parent.name for path in target.parent.glob("*/index.html"))
-    claims: dict[tuple[str, str], str] = {
-        (c.campaign, g.boundary): c.claim for g in content.groups for c in g.campaigns
-    }
-    page = comparison.page(rows, files["png"], {*pages}, remarks, claims)
-    written = {f"forest.{kind}": drawn for kind, drawn in files.items()}
-    written |= {"index.html": page, "comparison.json": tables.json_bytes(content)}
+    drawn = render(forest.draw, rows) | {"csv": csv(rows)}
+    written = {f"forest.{kind}": data for kind, data in drawn.items()}
+    written["comparison.json"] = tables.json_bytes(content)
     for name, data in written.items():
-        tables.write_whole(target / name, data)
+        tables.write_whole(out / "reports" / FOLDER / name, data)
     return content
 
 

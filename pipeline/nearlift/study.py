@@ -104,7 +104,7 @@ class Study:
     def plot(self, name: str = "fig2") -> Figure:
         """Draw a figure of the report as a matplotlib Figure, to be adjusted and saved.
 
-        `name` is such as ``"fig2"``, ``"diagnosis"``, ``"budget"``, ``"residuals"``, ``"corner"``.
+        `name` is such as ``"fig2"``, ``"diagnosis"``, ``"residuals"``, ``"corner"``.
 
         Raises
         ------
@@ -112,7 +112,6 @@ class Study:
             There is no such figure, or this campaign does not have what it shows.
         """
         from nearlift.report.figures.files import drawn
-        from nearlift.report.figures.style import style_of
         from nearlift.report.registry import FIGURES
         from nearlift.stages.gathering import gather
 
@@ -123,7 +122,7 @@ class Study:
         if rows.empty:
             what = "cannot be drawn: this campaign does not have what it shows"
             raise UsageError(name, what, "`nearlift run --dry-run CAMPAIGN` lists its stages")
-        return drawn(spec.draw, rows, style_of(self.manifest))
+        return drawn(spec.draw, rows, self.manifest.simulated)
 
     def read(self, product: str) -> pd.DataFrame:
         """Read a table product from disk, such as ``"trials.parquet"``, its checksums verified;

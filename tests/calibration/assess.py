@@ -6,17 +6,14 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from tests.calibration import forms, oracle
 from tests.calibration.kinds import KINDS, draw
 from tests.calibration.programs import Row
-from tests.calibration.simulator import Campaign, base_jacobian, candidate_columns
-
-if TYPE_CHECKING:
-    from tests.calibration.peers import Task
+from tests.calibration.simulator import Campaign, candidate_columns
 
 SAME = 0.99  # a wrong effect whose column is so parallel to the true one is its equal on that bench
 Diagnose = Callable[[Campaign], dict[str, Any]]
@@ -60,9 +57,7 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     return content | {"quoted": {name: (q.lo90, q.hi90) for name, q in quoted.items()}}
 
 
-def assess(
-    kind: str, boundary: str, seed: int, diagnose: Diagnose | None, peers: bool = False
-) -> Row:
+def assess(kind: str, boundary: str, seed: int, diagnose: Diagnose) -> Row:
     """Simulate, diagnose, compare with the truth; a flat row of facts. A diagnosis that raises is a
     row with `failed` set.
     """
@@ -77,11 +72,7 @@ def assess(
         "rho": min(truth.rho.values(), default=0.0),
         "trials": campaign.data.n,
     }
-    if peers:
-        row["peers"] = peer_answers(campaign)
     row |= yardstick(campaign)
-    if diagnose is None:
-        return row
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         # a growing campaign is analysed until something is claimed
@@ -95,34 +86,6 @@ def assess(
         return row | found | coverage(seen, result) | {"failed": ""}
     except Exception as fault:  # whatever breaks is counted
         return row | {"failed": f"{type(fault).__name__}: {fault}"}
-
-
-def peer_answers(campaign: Campaign) -> dict[str, list[str]]:
-    """Answers of rival methods on the same trials."""
-    from tests.calibration.peers import PEERS
-
-    task = peer_task(campaign)
-    return {name: list(method(task)) for name, method in PEERS.items()}
-
-
-def peer_task(campaign: Campaign) -> Task:
-    """What rival methods are given: the library in the simulator's own forms (in their favour)."""
-    # here: statsmodels and scikit-learn cost seconds
-    from tests.calibration.peers import Task
-
-    setting = replace(campaign.setting, theta=oracle.fit(campaign, ()).theta)
-    candidates = candidate_columns(campaign)
-    columns = np.column_stack(list(candidates.values()))
-    return Task(
-        lift_N=campaign.data.lift_N,
-        z_hat=campaign.data.z_hat,
-        level=campaign.data.level,
-        ratio=setting.curve(setting.bench.z_hat)[campaign.keep],
-        jacobian=base_jacobian(setting)[campaign.keep],
-        whiten=campaign.whitener,
-        names=tuple(candidates),
-        columns=columns / np.sqrt((columns**2).mean(axis=0)),
-    )
 
 
 def yardstick(campaign: Campaign) -> Row:

@@ -19,7 +19,6 @@ import pandas as pd
 from scipy.stats import beta, binom
 from tests.calibration.forms import STRANGE, UNNAMED
 from tests.calibration.kinds import KINDS, Promise
-from tests.calibration.peers import PEERS
 from tests.calibration.programs import Row, read
 
 NONE = Promise()
@@ -283,35 +282,6 @@ def by_effect(data: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-def peer_table(rows: list[Row]) -> pd.DataFrame:
-    """Rival methods, from rows with `peers`; the diagnosis itself last."""
-    rows, lines = [r for r in rows if "peers" in r], []
-    for method in (*PEERS, "nearlift")[: len(PEERS) + any("names" in r for r in rows)]:
-        answers = [r["peers"].get(method, r.get("names", [])) for r in rows]
-        data = pd.DataFrame(
-            {
-                "kind": [r["kind"] for r in rows],
-                "named": [bool(a) for a in answers],
-                "exact": [{*a} == {*r["truth"]} for a, r in zip(answers, rows, strict=True)],
-                "given": [len(a) for a in answers],
-                "false": [len({*a} - {*r["truth"]}) for a, r in zip(answers, rows, strict=True)],
-            }
-        )
-        inside = data[data["kind"].isin(["weak", "one"])]
-        lines.append(
-            {
-                "method": method,
-                "null: names something": data[data["kind"] == "null"]["named"].mean(),
-                "exact answer": inside["exact"].mean(),
-                "false share of names": inside["false"].sum() / max(inside["given"].sum(), 1),
-                "outside the library: names something": data[data["kind"] == "outside"][
-                    "named"
-                ].mean(),
-            }
-        )
-    return pd.DataFrame(lines) if rows else pd.DataFrame()
-
-
 def table(data: pd.DataFrame) -> str:
     """A table in Markdown, numbers to two decimals."""
     lines = [[*data.columns], ["---"] * len(data.columns)]
@@ -348,7 +318,6 @@ def markdown(rows: list[Row]) -> str:
         "Per verdict": by_verdict(data),
         "Per effect": by_effect(data),
         "Per structure outside the library": by_structure(data),
-        "Rival methods": peer_table(rows),
     }
     return text + "".join(f"\n## {t}\n\n{table(made)}" for t, made in sections.items() if len(made))
 

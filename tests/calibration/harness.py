@@ -37,27 +37,24 @@ def score(
     """Rows of one kind's campaigns, by seed; processes and clusters must be able to import
     `diagnose` by name (or a `functools.partial` of such).
     """
-    task = partial(_assess, diagnose=diagnose, peers=False)
+    task = partial(_assess, diagnose=diagnose)
     rows = programs.collect(executor, task, jobs(kind, seeds), KEYS)
     return sorted(rows, key=lambda row: row["seed"])
 
 
-def _assess(job: Job, diagnose: Diagnose | None, peers: bool) -> list[Row]:
-    return [assess(*job, diagnose, peers)]
+def _assess(job: Job, diagnose: Diagnose) -> list[Row]:
+    return [assess(*job, diagnose)]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run kinds of campaigns and print figures; exit code 1 if a promise is broken."""
     parser = programs.parser(__doc__, REPORTED)
     parser.add_argument("kinds", type=chosen, help="kinds or groups of kinds, comma separated")
-    parser.add_argument("--peers", action="store_true", help="run the rival methods too")
-    parser.add_argument("--only-peers", action="store_true", help="run no diagnosis")
     given = parser.parse_args(arguments)
     seeds = range(given.seed, given.seed + given.count)
     # kinds in turn, so that an interrupted run has something of each
     turns = zip(*(jobs(kind, seeds) for kind in given.kinds), strict=True)
-    diagnose = None if given.only_peers else engine
-    task = partial(_assess, diagnose=diagnose, peers=given.peers or given.only_peers)
+    task = partial(_assess, diagnose=engine)
     with programs.opened(given.executor) as executor:
         listed = itertools.chain.from_iterable(turns)
         rows = programs.collect(executor, task, listed, KEYS, given.out)

@@ -32,8 +32,6 @@ from tests.calibration.programs import Row
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, log_lift, simulate
 
 DRAWS = 999
-#: Folds of visits of the stacking; least probability that is listed, as in the library.
-FOLDS, LEAST_LISTED = 10, 0.01
 DETECTABLE = 0.8
 EDGES = np.array([0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0 + 1e-9])
 VISITS = {"visits": 5}
@@ -174,28 +172,6 @@ def entries(row: Row) -> tuple[list[float], list[bool]]:
     return [unnamed, *(e["probability"] for e in named)], [outside, *right]
 
 
-def peers(row: Row) -> dict[str, Row]:
-    """The row with probabilities by rival methods, which get the true covariance and own forms."""
-    from tests.calibration.assess import peer_task
-    from tests.calibration.peers import bic_weights, stacking_weights
-
-    campaign = campaign_of(row["seed"])[1]
-    task, visit = peer_task(campaign), campaign.data.visit
-    fold = np.unique(visit, return_inverse=True)[1] % FOLDS
-    answers = {}
-    for name, (models, weight) in {
-        "model average by BIC": bic_weights(task, 2),
-        "stacking by score on visits left out": stacking_weights(task, fold),
-    }.items():
-        listed = [
-            {"effects": task.named(m), "probability": w}
-            for m, w in zip(models, weight.tolist(), strict=True)
-            if w >= LEAST_LISTED
-        ]
-        answers[name] = row | {"probabilities": listed}
-    return answers
-
-
 def corp(probability: Array, true: Array) -> tuple[Array, Array]:
     """Sorted probabilities, and the isotonic regression of truth on them."""
     order = np.lexsort((true, probability))
@@ -279,15 +255,11 @@ def main() -> None:
     """Run what is missing, print the table, draw."""
     parser = programs.parser(__doc__, 9_720_000, 0)
     parser.add_argument("--figure", type=Path)
-    parser.add_argument("--peers", action="store_true", help="Brier scores of rival methods, too")
     given = parser.parse_args()
     jobs = [(seed,) for seed in range(given.seed, given.seed + given.count)]
     with programs.opened(given.executor) as executor:
         rows = programs.collect(executor, _assess, jobs, ("seed",), given.out)
     print(json.dumps(reliability(rows), indent=1))
-    if given.peers:
-        for name, answers in pd.DataFrame(list(map(peers, rows))).items():
-            print(name, {k: v for k, v in reliability(list(answers)).items() if k != "bins"})
     if given.figure:
         draw(rows, given.figure)
 

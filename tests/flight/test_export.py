@@ -114,19 +114,11 @@ static int put(double a, double b, double c, int flag)
             if (put((double)f.ratio, (double)f.slope, (double)f.u_ratio, f.flag)) return 1; \\
         } \\
     }
-#define HEIGHT(name) \\
-    if (!strcmp(argv[1], #name)) { \\
-        while (fread(z, sizeof *z, 2, stdin) == 2) { \\
-            const nearlift_height f = CAMPAIGN(name)(z[0], z[1]); \\
-            if (put((double)f.z_m, (double)f.u_m, 0.0, f.flag)) return 1; \\
-        } \\
-    }
 int main(int argc, char **argv)
 {
-    nearlift_real z[2];
+    nearlift_real z[1];
     if (argc != 2) return 1;
     LIFT(ground) LIFT(ceiling) LIFT(sidewall)
-    HEIGHT(ground_height) HEIGHT(ceiling_height) HEIGHT(sidewall_height)
     return 0;
 }
 """
@@ -181,9 +173,6 @@ def test_the_compiled_header_is_the_model(job, named, lifts, tmp_path, compiler,
             assert np.max(np.abs(at[:, 0] / truth - 1)) < (2e-7 if doubles else FLOAT), where
             steepest = np.max(np.abs(slope))
             assert np.max(np.abs(at[:, 1] - slope)) < SLOPE * steepest, where
-            back = call(f"{side}_height", np.stack([at[:, 0], 0 * at[:, 0]], axis=1))
-            steep = np.abs(slope) > 0.05 * steepest
-            assert back[steep, 0] == pytest.approx(z_m[steep], rel=1e-4), where
             outside(call, lift, side, radius, where)
 
 
@@ -205,12 +194,6 @@ def outside(call, lift, side, radius, where):
     assert (inner[3], outer[3]) == (0, 1)
     assert outer[0] == pytest.approx(inner[0], rel=FLOAT)
     assert outer[1] == pytest.approx(inner[1], rel=2e-3, abs=1e-9)
-    beyond, width = near + (near - far), radius * (high - low)
-    asked = [[beyond, 0.01], [far - (near - far), 0.01], [math.nan, 0.01], [near, math.nan]]
-    back = call(f"{side}_height", asked)
-    assert back[:, 3].tolist() == [-1, 1, 2, 2], where
-    assert back[:, 0] == pytest.approx(radius * np.array([low, high, high, high]), rel=1e-6)
-    assert back[:, 1] == pytest.approx(width, rel=1e-5)
 
 
 @needs_compiler
@@ -224,11 +207,6 @@ def test_standard_uncertainties_are_those_of_the_draws(job, named, tmp_path, sid
     z_hat = np.geomspace(*lift.measured_z_hat, 41)[1:-1]
     at, u = call(side, radius * z_hat), np.std(lift.drawn(z_hat), axis=0)
     assert at[:, 2] == pytest.approx(u, rel=0.06, abs=0.012 * u.max())
-    # of a distance: both uncertainties over the slope
-    back = call(f"{side}_height", np.stack([at[:, 0], np.full(len(z_hat), 0.004)], axis=1))
-    expected = np.hypot(at[:, 2], 0.004) / np.abs(at[:, 1])
-    span = radius * np.diff(lift.measured_z_hat)[0]
-    assert back[:, 1] == pytest.approx(np.minimum(expected, span), rel=1e-3)
 
 
 @needs_compiler
@@ -245,8 +223,6 @@ def test_headers_of_two_campaigns_compile_in_one_file_and_call_no_library(
     (tmp_path / "other.h").write_text(other)
     calls = "".join(
         f"nearlift_lift {side}(nearlift_real z) {{ return nearlift_{campaign}_{side}(z); }}\n"
-        f"nearlift_height {side}_height(nearlift_real r, nearlift_real u)"
-        f" {{ return nearlift_{campaign}_{side}_height(r, u); }}\n"
         for side, campaign in zip(SIDES, (name, "other", name), strict=True)
     )
     (tmp_path / "both.c").write_text(
@@ -299,13 +275,6 @@ def test_what_a_model_needs_is_known_or_refused_and_never_taken_for_one(remake):
         job = remake("ground")
         with pytest.raises(InputRefused, match="needs tilt_rad, which is not one and the same"):
             other_model(job, "images_tilted", tilt_rad=angles)
-
-
-def test_a_ratio_that_two_heights_have_has_no_inverse(lifts):
-    text = c_header(whole(exported(replace(lifts["ground"], best={"K_b": -3.0}))))
-    assert re.search(r"no inverse: the model folds at z_hat = \d", text)
-    assert "nearlift_c_ground(nearlift_real z_m)" in text
-    assert "nearlift_c_ground_height(" not in text
 
 
 @pytest.mark.parametrize(

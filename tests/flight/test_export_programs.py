@@ -100,17 +100,15 @@ def numbers(*command: object) -> np.ndarray:
 
 
 @needs_compiler
-def test_c_prints_ratio_and_distance(folder: Path, tmp_path: Path) -> None:
+def test_c_prints_the_ratio(folder: Path, tmp_path: Path) -> None:
     found = numbers(compiled(folder, tmp_path, program("C")))
-    ratio, slope, u_ratio, flag, z_m, u_m, z_flag = found
+    ratio, slope, u_ratio, flag = found
     step = 1e-6
     near, at, far = MODEL(np.array([0.04 - step, 0.04, 0.04 + step]) / R, **GEOMETRY, K_b=2.0)
-    assert (flag, z_flag) == (0, 0)
+    assert flag == 0
     assert ratio == pytest.approx(at, rel=1e-5)
     assert slope == pytest.approx((far - near) / (2 * step), rel=1e-4)
-    assert MODEL(z_m / R, **GEOMETRY, K_b=2.0) == pytest.approx(1.05, rel=1e-5)
     assert u_ratio > 0
-    assert u_m > 0.004 / abs(slope)
 
 
 #: The parts of the firmware's headers that the controller needs; its PID asks for the thrust 30000.

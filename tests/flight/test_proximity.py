@@ -1,4 +1,4 @@
-"""Height from lift: the inverse, its coverage, folds, the range of detection; products, figure,
+"""Height from lift: the inverse, its coverage, folds, the range of detection; products,
 chapter and command.
 """
 
@@ -11,14 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from markupsafe import escape
 from scipy import stats
 from tests.unit import quoted, small_run
 from tests.unit.small_run import nearlift
 
 from nearlift import catalogue
 from nearlift.campaign.choices import LiftReading
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused
 from nearlift.flight.proximity import (
     BoundarySensor,
     change_needed,
@@ -30,10 +29,8 @@ from nearlift.flight.proximity import (
     read,
     refuse_folds,
 )
-from nearlift.report.figures.files import render
-from nearlift.report.figures.style import Style
-from nearlift.report.registry import FIGURES
 from nearlift.results.fit import FitResults
+from nearlift.rounding import plain
 from nearlift.stages import detect
 from nearlift.stages.detect import DETECTION, PROXIMITY
 from nearlift.stages.diagnose import DIAGNOSIS, quoted_lifts
@@ -167,7 +164,6 @@ def test_range_is_where_the_model_gives_that_change():
 
 
 SENSOR = {"force_noise": "3 mN", "force_bandwidth": "50 Hz"}
-(FIGURE,) = (s for s in FIGURES if s.name == "detection")
 
 
 @pytest.fixture(scope="module")
@@ -196,9 +192,6 @@ def test_products(done):
     assert (table["hi90"][wall] == 0).all()
     content = job.read_json(PROXIMITY)["boundaries"]
     for side in ("ground", "ceiling", "sidewall"):
-        near, far = content[side]["located"][0], content[side]["located"][-1]
-        assert near["lo90"] <= near["median"] <= near["hi90"]
-        assert far["beyond"] > near["beyond"]
         significant, lift = content[side]["significant"], quoted.fitted_lift(job, side, 2)
         change = float(lift.ratio()(np.array([significant["z_hat"]]))[0]) - 1
         assert abs(change) == pytest.approx(0.02, abs=1e-4)
@@ -216,17 +209,6 @@ def test_supply_costs_range(remake, done):
     assert after["supply"][worse] == pytest.approx(0.04)  # lift as the square of the supply
     assert after["needed"][~worse] == pytest.approx(before["needed"])
     assert (after["needed"][worse] > before["needed"]).all()
-    evidence = gather(both)
-    table = FIGURE.table(evidence)
-    assert set(table["case"][table["row"] == "range"]) == {
-        "weight and supply known exactly",
-        "weight ±1 %",
-        "weight ±5 %",
-        "supply voltage ±2 %",
-    }
-    assert "e+0" not in FIGURE.caption(evidence, table)
-    # one number means a list of one
-    assert remake("ground", detect={"supply": "2 percent"}).campaign.detect.supply == [0.02]
 
 
 def test_a_reading_becomes_a_distance(done):
@@ -262,30 +244,6 @@ def test_one_reading_does_not_distinguish_ground_from_ceiling(done):
     assert float(ceiling(np.array([height.alike["ceiling"]]))[0]) == pytest.approx(1.08, abs=1e-4)
     assert "one reading cannot distinguish them" in height.text
     assert reading(job, boundary="sidewall", ratio=0.98, u="0.5 percent").alike == {}
-
-
-def test_readings_in_the_manifest(remake):
-    readings = [
-        {"boundary": "ground", "ratio": 1.1, "u": "1 percent"},
-        {"boundary": "ground", "throttle": "99 percent", "u": "1 percent"},
-        {"boundary": "ceiling", "ratio": 1.1, "u": "1 percent"},
-    ]
-    job = remake("ground", detect=SENSOR | {"reading": readings})
-    outcome = detect.run(job)
-    good, outside, elsewhere = job.read_json(PROXIMITY)["readings"]
-    assert 1.2 < good["z_hat"]["median"] < 2.2
-    assert "0.99 is outside 0.25 to 0.92" in outside["refused"]
-    assert "nothing was fitted at the ceiling" in elsewhere["refused"]
-    assert [n[:17] for n in outcome.notes] == ["detect.reading[1]", "detect.reading[2]"]
-    evidence = gather(job)
-    text = small_run.chapter(evidence, "proximity")
-    first, second, _ = text.partition("Readings of the manifest")[2].split('<th scope="row">')[1:]
-    assert 'data-source="proximity.json#/readings/0/z_hat/median"' in first
-    assert f'<td colspan="5">{escape(outside["refused"])}</td>' in second
-    table = FIGURE.table(evidence)
-    assert (table["row"] == "reading").sum() == 1
-    with pytest.raises(ManifestError, match="one of both"):
-        remake("ground", detect={"reading": [{"boundary": "ground", "u": "1 percent"}]})
 
 
 def test_the_command_line_takes_a_reading(tmp_path):
@@ -358,20 +316,21 @@ def test_a_model_that_folds_is_not_inverted_and_said_so(remake):
     job.write(RESULTS, content)
     (note,) = detect.run(job).notes
     assert "the model folds at z_hat" in note
-    assert "located" not in job.read_json(PROXIMITY)["boundaries"]["ground"]
+    assert "folds" in job.read_json(PROXIMITY)["boundaries"]["ground"]["refused"]
 
 
-def test_figure_and_chapter(done):
+def test_the_chapter_has_every_range(done):
     job, _ = done
-    evidence = gather(job)
-    table = FIGURE.table(evidence)
-    assert render(FIGURE.draw, table, Style())["png"].startswith(b"\x89PNG")
-    assert "1 % false alarms and 10 % misses" in FIGURE.caption(evidence, table)
-    assert set(table[table["row"] == "floor"]["panel"]) <= {"ground", "ceiling", "sidewall"}
-    text = small_run.chapter(evidence, "proximity")
+    text = small_run.chapter(gather(job), "proximity")
     listed = text.partition("Distance of a significant change of lift")[2]
     rows = re.findall(r'<tr><th scope="row">(\w+)</th>', listed)
     assert rows[:3] == ["Ground", "Ceiling", "Sidewall"]
+    every, far = job.read(DETECTION), text.partition("Ground: farthest")[2].partition("</table>")[0]
+    mine = (every["boundary"] == "ground") & (every["payload"] == 0.01)
+    ranges = re.findall(
+        r"<td>([^<]+)</td>", far.partition('<th scope="row">1<')[2].split("</tr>")[0]
+    )
+    assert ranges[1:] == [plain(z, 3) for z in every["range_z_hat"][mine]]
 
 
 def test_lift_far_away_and_its_noise_are_those_of_the_accepted_model(remake):

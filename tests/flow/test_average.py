@@ -1,4 +1,4 @@
-"""The streamed average: moments, masks, correlation in time, convergence."""
+"""The streamed average: moments, masks, correlation in time."""
 
 from __future__ import annotations
 
@@ -102,16 +102,6 @@ def test_the_standard_error_covers():
 def test_integrated_time_of_nothing_is_one():
     assert integrated(np.array([0.0, 0.0, 0.0]), 100) == 1.0
     assert integrated(np.array([1.0, 0.9, 0.8]), 4) == 1.0
-
-
-def test_convergence_says_how_many_fields_a_thousandth_takes():
-    """Unit scatter about a mean of 10 takes (1 / (0.001 x 10))^2 = 10000 fields; both components
-    have that mean.
-    """
-    found = average(field(*c) for c in stack(64, offset=10.0))
-    assert found.convergence.fields_for_a_thousandth == pytest.approx(10000 * found.tau, rel=0.1)
-    error = np.sqrt(found.tau / 64) / 10
-    assert found.convergence.relative_standard_error == pytest.approx(error, rel=0.05)
 
 
 def test_the_software_s_own_uncertainty_serves_where_there_is_one_field():

@@ -136,20 +136,6 @@ def test_what_all_trials_share_cannot_be_visited_away(stage):
     assert plan.evenly(0.9 * plan.least) is None
 
 
-def test_going_round_gives_nothing_up_and_asking_for_one_thing_nearly_all(plan):
-    aim = 0.6 * float(plan.u(plan.now))
-    chance = {}
-    for rotating in (1.0, 0.5, 0.0):
-        visits, rng = np.zeros(0, dtype=int), np.random.default_rng(0)
-        own = dataclasses.replace(plan, rotating=rotating)
-        while plan.u(plan.after(visits)) > aim:
-            visits = np.r_[visits, own.batch(10, rng, visits)]
-        evenly = plan.now + plan.evenly(float(plan.u(plan.after(visits)))) * plan.of_round
-        chance[rotating] = plan.sees(plan.after(visits), evenly, 1e-3)
-    assert chance[1.0] == pytest.approx(next_visits.SEEN, abs=0.05)
-    assert chance[0.0] < 0.7 * chance[0.5] < chance[0.5] < 0.9 * chance[1.0]
-
-
 def test_the_less_goes_round_the_sooner_the_answer(plan):
     known = []
     for share in (1.0, 0.5, 0.3, 0.0):

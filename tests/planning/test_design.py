@@ -99,8 +99,7 @@ def test_design_says_what_it_assumes_and_finds(weighed):
     )
     assert {u["effect"] for u in at["untestable"]} >= {"tilt", "air_density"}
     assert any("supply falls from 4.05 to 3.75 V" in said for said in found["assumed"])
-    for kind in ("json", "pdf", "png", "csv"):
-        assert (base / f"out/reports/planned/design/design.{kind}").stat().st_size > 500
+    assert json.loads((base / "out/reports/planned/design/design.json").read_text()) == found
 
 
 def test_the_same_seed_draws_the_same_schedule_and_another_another(weighed, plan, tmp_path):
@@ -178,11 +177,7 @@ def test_explain_says_what_why_and_how_large(explained):
         c["correlation"] == pytest.approx(c["energy_absorbed"] ** 0.5)
         for c in size["confused_with"]
     )
-    folder = out / "reports/small/explain"
-    first = {p.name: p.read_bytes() for p in folder.iterdir()}
     words = nearlift("explain", raw, "height_offset", "--out", out).stdout
-    # the same bytes again
-    assert {p.name: p.read_bytes() for p in folder.iterdir()} == first
     for part in (
         "Mechanism: the traverse's zero is not the rotor plane",
         "Source: ",
@@ -191,10 +186,6 @@ def test_explain_says_what_why_and_how_large(explained):
         "Unnoticed at that size",
     ):
         assert part in words
-    with (out / "reports/small/explain/height_offset.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert {r["panel"] for r in rows} == {"signature", "power", "confused"}
-    assert len([r for r in rows if r["series"] == "left"]) == at["trials"]
     # no stage is stale by it
     planned = nearlift("run", raw, "--dry-run", "--out", out)
     assert all("up to date" in line for line in planned.stdout.splitlines())
@@ -205,7 +196,6 @@ def test_explain_names_what_to_log_and_what_does_not_exist(explained):
     words = nearlift("diagnose", raw, "--out", out, "--explain", "supply_sag").stdout
     assert "Untestable: supply_V, supply_ref_V are unknown" in words
     assert "Log next time: supply" in words
-    assert not (out / "reports/small/explain/supply_sag.png").exists()
     heating_words = nearlift("diagnose", raw, "--out", out, "--explain", "motor_heating").stdout
     assert "would be seen with 80 % chance" in heating_words
     refused = nearlift("diagnose", raw, "--out", out, "--explain", "suply_sag")

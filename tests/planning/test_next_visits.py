@@ -18,7 +18,7 @@ from nearlift.stages.forecasts import next_rows, next_visits
 from nearlift.stages.ingest import TRIALS
 
 
-def test_the_words_say_where_to_stop_and_what_is_given_up():
+def test_the_words_say_where_to_stop():
     told = NextVisits(
         boundary="ground",
         base_model="sanchez_cuevas",
@@ -31,14 +31,11 @@ def test_the_words_say_where_to_stop_and_what_is_given_up():
         visits_wanted=10,
         visits_evenly=30,
         best=0.0,
-        sees=0.31,
-        sees_evenly=0.9,
         visits=(),
     )
     assert visits.stop(told) == (
         "u(K_b) = 0.05 after about 40 more trials; 120 at all stations equally often"
     )
-    assert visits.lines(told)[-1].endswith("is found with 31 % probability instead of 90 %")
     never = dataclasses.replace(told, visits_wanted=None, best=0.06)
     assert visits.stop(never).startswith("u(K_b) = 0.05: out of reach of these stations")
     assert "reached; for structure in distance go on" in visits.stop(

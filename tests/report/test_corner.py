@@ -9,7 +9,6 @@ from nearlift import catalogue
 from nearlift.report import curves
 from nearlift.report.figures import corner
 from nearlift.report.figures.files import render
-from nearlift.report.figures.style import Style
 from nearlift.rounding import plain
 from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
 from nearlift.stages.gathering import gather
@@ -56,7 +55,7 @@ def test_the_table_holds_the_draws_of_the_parameters(small):
 @pytest.mark.parametrize("value", [0.0, 2.0])
 def test_the_corner_plot_survives_a_parameter_without_spread(small, value):
     evidence = with_draws(small, "sidewall", "sidewall_decay", a=value, lambda_=spread())
-    made = render(corner.draw, corner.table(evidence), Style())
+    made = render(corner.draw, corner.table(evidence))
     assert made["png"].startswith(b"\x89PNG")
 
 

@@ -158,7 +158,7 @@ def edited(make_job, change, boundaries=("ground",)):
 
 def drawn(table):
     with style.context():
-        figure = loop.draw(table, style.Style())
+        figure = loop.draw(table)
         figure.draw_without_rendering()
         return figure
 
@@ -381,7 +381,7 @@ def test_every_word_of_the_findings_can_be_drawn(one_boundary, word, column):
 
 def test_the_figure_keeps_its_width_and_page_and_axes_do_not_overlap(table):
     figure = drawn(table)
-    assert figure.get_figwidth() == pytest.approx(style.Style().double_in)
+    assert figure.get_figwidth() == pytest.approx(style.DOUBLE_IN)
     assert figure.get_figheight() <= style.PAGE_IN
     width, height = figure.get_size_inches() * figure.dpi
     for ax in figure.axes:

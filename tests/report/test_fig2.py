@@ -7,20 +7,16 @@ from __future__ import annotations
 import copy
 import dataclasses
 import re
-import shutil
 
 import numpy as np
 import pytest
 from tests.unit import quoted
 
 from nearlift import catalogue
-from nearlift.errors import InputRefused, ManifestError
 from nearlift.report import curves, words
 from nearlift.report.evidence import pick
 from nearlift.report.figures import fig2
-from nearlift.report.figures.style import Style
 from nearlift.report.phrases import coefficient_text
-from nearlift.report.tables import csv
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
 from nearlift.stages.gathering import gather
@@ -285,53 +281,6 @@ def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):
     table = fig2.table(evidence)
     assert set(table["label"][table["kind"] == "model"]) == {"C-B (theory)"}
     assert "PQuad" not in fig2.caption(evidence, table)
-
-
-def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
-    overlay = {"file": "other.csv", "label": "=Other group", "boundary": "ground"}
-    job = make_job(boundaries=("ground",), report={"overlay": [overlay]})
-    with pytest.raises(ManifestError, match=r"there is no file 'other\.csv'"):
-        gather(job)
-    file = job.root / "other.csv"
-    file.write_text("# digitised\nz_hat,delta_L,u\n1.5,0.1,0.01\n2,0.05,\n")
-    table = fig2.table(gather(job))
-    drawn = pick(table, kind="overlay")
-    np.testing.assert_allclose(drawn["delta_L_percent"], [10, 5])
-    np.testing.assert_allclose(drawn["u_delta_L_percent"], [1, np.nan])
-    assert b"\nground,overlay,'=Other group," in csv(table)
-    # its points may lie anywhere in the panel
-    upper, lower = fig2.draw(table, Style()).axes
-    assert upper.get_legend() is None
-    assert "=Other group" in [t.get_text() for t in lower.get_legend().get_texts()]
-    for text, match in (
-        ("z_hat,delta_L\n1,2\n", "lacks u"),
-        ("z_hat,delta_L,u\n1,0.1,0.01\n-1,0.1,0.01\n", r"row 2: z_hat = '-1' cannot be drawn"),
-    ):
-        file.write_text(text)
-        with pytest.raises(InputRefused, match=match):
-            gather(job)
-    (tmp_path / "outside.csv").write_text("z_hat,delta_L,u\n1,0.1,0.01\n")
-    file.unlink()
-    file.symlink_to(tmp_path / "outside.csv")
-    with pytest.raises(ManifestError, match="outside the campaign's folder"):
-        gather(job)
-
-
-def test_an_overlay_is_a_file_or_a_campaign_of_the_workspace(make_job):
-    job = make_job(boundaries=("ground",), report={"overlay": ["other.csv", "pitt"]})
-    (job.root / "other.csv").write_text(
-        "boundary,z_hat,delta_L,u\nground,1.5,0.1,0.01\nceiling,0.5,0.2,0.01\n,2,0.05,\n"
-    )
-    with pytest.raises(ManifestError, match="no campaign of that name was run here"):
-        gather(job)
-    other = job.processed.parent / "pitt"
-    other.mkdir()
-    shutil.copy(job.processed / LIFT.file, other / LIFT.file)
-    evidence = gather(job)
-    table = fig2.table(evidence)
-    np.testing.assert_allclose(pick(table, label="other")["z_hat"], [1.5, 2.0])
-    cells = evidence.table(LIFT)
-    np.testing.assert_allclose(pick(table, label="pitt")["delta_L_percent"], 100 * cells["delta_L"])
 
 
 @pytest.mark.parametrize("boundary", SIDES)

@@ -15,21 +15,17 @@ import pytest
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from PIL import Image
-from tests.unit.manifests import raw_manifest
 
-from nearlift.campaign import manifest
-from nearlift.errors import ManifestError
 from nearlift.report.evidence import pick
 from nearlift.report.figures import fig2, files, residuals, style
-from nearlift.report.figures.fig2 import force_unit
 from nearlift.report.registry import FIGURES
-from nearlift.stages.fit import FIT, POSTERIOR, PROFILES
+from nearlift.stages.fit import FIT, POSTERIOR
 from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
 
 #: Figures of the loop, of flow, flight and proximity need more, and are tested with what makes them.
-OF_A_FIT = [s for s in FIGURES if set(s.needs) <= {TRIALS, LIFT, FIT, POSTERIOR, PROFILES}]
+OF_A_FIT = [s for s in FIGURES if set(s.needs) <= {TRIALS, LIFT, FIT, POSTERIOR}]
 PANELS = ["a) ground", "b) ceiling", "c) sidewall"]
 
 
@@ -39,7 +35,7 @@ def table(small_job):
 
 
 def drawn(draw, table):
-    return files.drawn(draw, table, style.Style())
+    return files.drawn(draw, table)
 
 
 def titles(axes):
@@ -85,21 +81,6 @@ def test_panels_are_labelled_with_units_and_curves_named(table):
         assert (mine["delta_L_percent"] + mine["u_delta_L_percent"] < high).all()
 
 
-def test_figures_have_the_widths_of_the_manifest(evidence):
-    widths = {"column_width": "89 mm", "full_width": "183 mm"}
-    look, table = style.style_of(manifest.parse(raw_manifest(report=widths))), fig2.table(evidence)
-    assert look.radius_mm is None
-    for rows, width_mm in ((table, 183), (table[table["panel"] == "ground"], 89)):
-        figure = files.drawn(fig2.draw, rows, look)
-        assert 25.4 * figure.get_figwidth() == pytest.approx(width_mm)
-
-
-@pytest.mark.parametrize("width", ["8 mm", "3 m", "90"])
-def test_a_width_that_no_page_has_is_refused(width):
-    with pytest.raises(ManifestError, match=r"report\.full_width"):
-        manifest.parse(raw_manifest(report={"full_width": width}))
-
-
 def test_many_throttles_get_a_colour_bar(make_job):
     levels = tuple(float(t) for t in np.round(np.linspace(0.2, 0.9, 12), 3))
     job = make_job(boundaries=("ground",), throttles=levels, repeats=2)
@@ -111,7 +92,7 @@ def test_many_throttles_get_a_colour_bar(make_job):
 @pytest.mark.parametrize("spec", OF_A_FIT, ids=lambda s: s.name)
 def test_a_picture_has_its_size_and_type_that_can_be_read(small_job, spec):
     table = spec.table(gather(small_job))
-    made = files.render(spec.draw, table, style.Style())
+    made = files.render(spec.draw, table)
     assert made["pdf"].startswith(b"%PDF")
     assert b"CreationDate" not in made["pdf"]
     picture = Image.open(io.BytesIO(made["png"]))
@@ -126,9 +107,9 @@ def test_a_picture_has_its_size_and_type_that_can_be_read(small_job, spec):
 PROCESS = """
 import hashlib, sys
 import pandas as pd
-from nearlift.report.figures import files, residuals, style
+from nearlift.report.figures import files, residuals
 table = pd.read_parquet(sys.argv[1])
-made = files.render(residuals.draw, table, style.Style(simulated=True))
+made = files.render(residuals.draw, table, simulated=True)
 print(*(hashlib.sha256(made[kind]).hexdigest() for kind in ("pdf", "png")))
 """
 
@@ -170,21 +151,3 @@ def test_an_unknown_covariate_keeps_its_name():
     assert style.quantity("rig_$_colour") == r"rig \$ colour"
     assert style.quantity("tilt_rad") == r"tilt $\theta$ (rad)"
     assert style.quantity("supply_V") == "supply voltage $U$ (V)"
-
-
-def test_distances_in_millimetres_move_the_axis_and_nothing_else(small_job, table):
-    """The same picture over another axis: 23 mm a radius."""
-    for draw, rows in ((fig2.draw, table), (residuals.draw, residuals.table(gather(small_job)))):
-        one, other = (
-            next(ax for ax in files.drawn(draw, rows, look).axes if ax.get_xlabel())
-            for look in (style.Style(), style.Style(radius_mm=23.0))
-        )
-        assert other.get_xlabel().endswith("$z$ (mm)")
-        np.testing.assert_allclose(np.multiply(23.0, one.get_xlim()), other.get_xlim())
-        assert one.get_ylim() == other.get_ylim()
-
-
-@pytest.mark.parametrize(("unit", "factor"), [("N", 1.0), ("gf", 1 / 9.80665e-3)])
-def test_forces_are_shown_in_the_unit_that_is_asked_for(make_job, unit, factor):
-    evidence = gather(make_job(boundaries=("ground",), report={"units": {"force": unit}}))
-    assert force_unit(evidence) == (pytest.approx(factor), unit)

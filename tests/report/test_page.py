@@ -55,7 +55,7 @@ def made(make_job):
 
 
 #: What a campaign of lift alone gives before it is diagnosed.
-DRAWN = ("fig2", "budget", "profiles", "corner", "residuals")
+DRAWN = ("fig2", "corner", "residuals")
 
 
 def not_drawn(drawn):

@@ -86,7 +86,6 @@ def test_a_stage_whose_product_comes_out_as_it_was_stops_the_run(place):
 @pytest.mark.parametrize(
     ("old", "new", "first"),
     [
-        ("[vehicle]", '[report]\ncolumn_width = "90 mm"\n\n[vehicle]', "report"),
         ("# SIMULATED.", "# Simulated.", "report"),
         ('"0.1 mm"', '"0.3 mm"', "fit"),
         ("[vehicle]", "[diagnose]\nfalse_alarm_rate = 0.01\n\n[vehicle]", "diagnose"),
@@ -97,15 +96,6 @@ def test_an_edited_manifest_runs_what_the_edit_concerns(place, old, new, first):
     edit(place / "raw" / "campaign.toml", old, new)
     assert next(iter(stale(place))) == first
     assert "report" in stale(place)
-
-
-def test_an_overlay_concerns_the_report_only(place):
-    (place / "raw" / "others.csv").write_text("z_hat,delta_L,u\n2,0.05,0.01\n")
-    overlay = '[[report.overlay]]\nfile = "others.csv"\nlabel = "o"\nboundary = "ground"\n\n'
-    edit(place / "raw" / "campaign.toml", "[vehicle]", f"{overlay}[vehicle]")
-    assert ran(job(place / "raw", place)) == ["report"]
-    edit(place / "raw" / "others.csv", "0.05", "0.06")
-    assert stale(place) == {"report": "others.csv has changed"}
 
 
 @pytest.mark.parametrize(

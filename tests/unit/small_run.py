@@ -103,11 +103,11 @@ def nearlift(*words: object) -> Result:
     return CliRunner().invoke(main, [str(w) for w in words])
 
 
-def undrawn(_: Any, table: pd.DataFrame, look: Any) -> dict[str, bytes]:
-    """In place of `figures.files.render`: what depends on the table and the style, without the
+def undrawn(_: Any, table: pd.DataFrame, simulated: bool) -> dict[str, bytes]:
+    """In place of `figures.files.render`: what depends on the table and the mark, without the
     seconds of drawing.
     """
-    told = hashlib.sha256(csv(table) + repr(look).encode()).hexdigest().encode()
+    told = hashlib.sha256(csv(table) + repr(simulated).encode()).hexdigest().encode()
     return {"pdf": b"%PDF " + told, "png": b"PNG " + told}
 
 

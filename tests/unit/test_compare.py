@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from . import small_run
-from .browser import CHROMIUM, browser
 
 SHARED = "load cell linearity"
 
@@ -105,7 +104,6 @@ def test_campaigns_that_are_one_and_the_same_are_said(tmp_path):
     told = "a, b agree to the last digit: if they are the same trials, compare only one of them"
     assert told in content["groups"][0]["remarks"]
     assert told in text
-    assert told in (tmp_path / "reports" / "comparison" / "index.html").read_text()
 
 
 def test_that_a_spread_of_three_hangs_on_its_prior_is_said_and_of_many_it_is_not(tmp_path):
@@ -166,28 +164,3 @@ def test_what_is_not_there_is_refused(four, tmp_path_factory, words, why):
     told = small_run.nearlift("compare", "--out", four, *words)
     assert told.exit_code == 2
     assert why in told.output
-
-
-# ---- its page
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
-def test_the_page_has_the_table_and_the_figure_on_screen_and_paper(four, tmp_path_factory):
-    write(four, "b9", 2.4, 0.1, verdict="effect")
-    (four / "reports" / "c1").mkdir(parents=True)
-    (four / "reports" / "c1" / "index.html").write_text("")
-    compare(four, "c3", "b9", "c0", "c1")
-    file = four / "reports" / "comparison" / "index.html"
-    with browser(tmp_path_factory.mktemp("browser")) as page:
-        page.open(file.as_uri())
-        assert [r for r in page.requests if not r.startswith("data:")] == [file.as_uri()]
-        rows = page.run("[...document.querySelectorAll('tbody tr')].map(r => r.innerText)")
-        assert [r.split("\t")[0] for r in rows][:4] == ["c3", "b9", "c0", "c1"]
-        assert "2.40 (2.24 to 2.56)" in rows[1]
-        assert page.run(
-            "[...document.querySelectorAll('td a, th a')].map(a => a.getAttribute('href'))"
-        ) == ["../c1/index.html"]
-        assert "population mean" in page.run("document.querySelector('figure img').alt")
-        page.open(file.as_uri(), media="print")
-        assert page.run("document.querySelector('figure img').checkVisibility()")
-        assert page.errors == []

@@ -1,13 +1,12 @@
-"""Choices of the manifest, each with a default: fit, levels, report, quality, closed loop, and the
+"""Choices of the manifest, each with a default: fit, levels, quality, closed loop, and the
 predictions of `[design]`, `[simulate]` and `[detect]`.
 """
 
 from __future__ import annotations
 
-from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from nearlift.campaign import quantities as si
 from nearlift.campaign.quantities import Section
@@ -59,46 +58,6 @@ class FitOptions(Section):
     ess: int = Field(default=4000, ge=100, le=1_000_000)
     steps: int = Field(default=20_000, ge=400, le=10_000_000)
     netcdf: bool = False
-
-
-class Overlay(Section):
-    """Measured data of others for Figure 2.
-
-    It is a CSV with the columns z_hat, delta_L and u (fractions). Or it is the name of a data set
-    or campaign that was run in this workspace.
-
-    A string is short for its file, with the file's name as label. Without `boundary` it is the
-    CSV's own column, else the ground.
-    """
-
-    file: str
-    label: str
-    boundary: Boundary | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _named(cls, value: object) -> object:
-        if isinstance(value, str):
-            return {"file": value, "label": PurePath(value).name.removesuffix(".csv")}
-        return value
-
-
-class Units(Section):
-    """Units of forces (`auto`: N or mN by the vehicle) and distances in the report. Products and
-    CSV files keep theirs.
-    """
-
-    force: Literal["auto", "N", "mN", "gf"] = "auto"
-    distance: Literal["z_hat", "mm"] = "z_hat"
-
-
-class Report(Section):
-    """Figures of the report: widths of one column (3.25 in) and of the whole text (6.75 in)."""
-
-    column_width: si.PositiveLength = Field(default=0.08255, ge=0.05, le=0.5)
-    full_width: si.PositiveLength = Field(default=0.17145, ge=0.05, le=0.5)
-    units: Units = Units()
-    overlay: list[Overlay] = []
 
 
 class Quality(Section):
@@ -202,27 +161,18 @@ class Gusts(Section):
 class Simulate(Section):
     """Simulated flights near the boundaries.
 
-    Without gains or gusts, a vehicle gets the paper's at equal dimensionless groups. Gains and
-    gusts are those of the vehicle without payload. With another `mass` in flight, `scale_gains`
-    keeps the poles of the control loop.
+    Without gains or gusts, a vehicle gets the paper's at equal dimensionless groups.
     """
 
     flights: int = Field(default=1000, ge=20, le=1_000_000)
     presets: Annotated[list[Literal["paper", "converged"]], si.Distinct] = ["paper", "converged"]
     gains: dict[Flown, GainSet] = {}
     gusts: Gusts | None = None
-    mass: si.Mass | None = None
-    scale_gains: bool = True
     lift_coefficient: Positive = 1.6
-    step: si.PositiveDuration | None = None
-    duration: si.PositiveDuration | None = None
     set_points: dict[Flown, Annotated[list[Positive], Field(min_length=2), si.Ascending]] = {}
-    bound_z_hat: dict[Flown, Positive] = {}
     draws: int = Field(default=16, ge=2, le=100_000)
     risks: Annotated[list[Probability], Field(min_length=1), si.Distinct] = [0.5, 0.01]
-    supply_end: si.Voltage | None = None
     roll_inertia: si.Inertia | None = None
-    roll_inertia_uncertainty: si.Fraction | None = None
 
 
 class LiftReading(Section):
@@ -250,9 +200,6 @@ class LiftReading(Section):
         return self
 
 
-Supply = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
-
-
 class Detect(Section):
     """Detection of a boundary from lift or hover throttle; uncertainties are standard, fractions.
 
@@ -266,5 +213,4 @@ class Detect(Section):
     force_noise: si.Force | None = None
     force_bandwidth: si.Rate | None = None
     payload: list[si.Fraction] = Field(default=[0.0, 0.01, 0.05], min_length=1)
-    supply: Annotated[list[si.Fraction], Supply, Field(min_length=1)] = [0.0]
-    reading: list[LiftReading] = []
+    supply: list[si.Fraction] = Field(default=[0.0], min_length=1)

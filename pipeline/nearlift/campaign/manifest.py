@@ -23,7 +23,6 @@ from nearlift.campaign.choices import (
     Levels,
     Planned,
     Quality,
-    Report,
     Simulate,
 )
 from nearlift.campaign.piv import Piv
@@ -69,7 +68,6 @@ class Campaign(Section):
     trials: Trials = Trials()
     uncertainty: list[Uncertainty] = []
     fit: FitOptions = FitOptions()
-    report: Report = Report()
     quality: Quality = Quality()
     diagnose: Diagnose = Diagnose()
     piv: Piv | None = None
@@ -290,7 +288,7 @@ def _known_keys(kind: type[BaseModel], tables: list[Any]) -> list[str]:
 
 
 def _section_in(annotation: Any) -> Any:
-    """The Section class inside an annotation such as `list[Overlay] | None`."""
+    """The Section class inside an annotation such as `list[Uncertainty] | None`."""
     if isinstance(annotation, type) and issubclass(annotation, Section):
         return annotation
     inner = map(_section_in, getattr(annotation, "__args__", ()))

@@ -47,7 +47,6 @@ class Fits:
 
     results: FitResults = field(default_factory=FitResults)
     quoted: dict[Boundary, BoundaryResult] = field(default_factory=dict)
-    profiles: list[Table] = field(default_factory=list)
     draws: list[Table] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -85,7 +84,6 @@ def fit_boundary(
 
     def entry(model: LiftModel, fitted: LeastSquaresFit) -> ModelFit:
         profiled = profiles.likelihood_profiles(fitted)
-        fits.profiles.extend(p.rows(boundary, model.name) for p in profiled)
         entry, draws, notes = add_posterior(
             fitted,
             summary(fitted, profiled),

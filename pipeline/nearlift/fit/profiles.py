@@ -9,10 +9,8 @@ quadratic approximation, all values in one batch.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fit import solver
@@ -53,12 +51,6 @@ class Profile:
     rise: FloatArray
     quadratic: FloatArray
     ends: ProfileIntervals
-
-    def rows(self, boundary: str, model: str) -> dict[str, NDArray[Any]]:
-        """Rows of profiles.parquet."""
-        names = {"boundary": boundary, "model": model, "parameter": self.parameter}
-        labels = {k: np.full(len(self.value), v, dtype=object) for k, v in names.items()}
-        return labels | {"value": self.value, "rise": self.rise, "quadratic": self.quadratic}
 
 
 def likelihood_profiles(fit: LeastSquaresFit) -> tuple[Profile, ...]:

@@ -144,52 +144,34 @@ def conditions(
     contact_m: float,
     key: int,
     spread: Spread,
-    bare_kg: float | None = None,
 ) -> Simulation:
     """Groups, scheme and step of a campaign's flights.
 
     They are the manifest's, else the paper's scaled to the vehicle. `contact_m` is the height of
-    the rotor plane at contact, `bare_kg` the mass that gains and gusts are for (by default the
-    craft's).
+    the rotor plane at contact.
 
     Raises
     ------
     ManifestError
-        The loop is unstable, or the step does not divide the gusts' hold. Or a flight is shorter
-        than a gust, or the rotors cannot lift the manifest's mass.
+        The loop is unstable, or a flight is shorter than a gust.
     """
     like, published = paper.CONVERGED, paper.groups(boundary)
-    bare = replace(craft, mass_kg=bare_kg or craft.mass_kg)
-    gains, gusts = published.gains(bare), published.disturbance(bare)
+    gains, gusts = published.gains(craft), published.disturbance(craft)
     if given := chosen.gains.get(boundary):
         gains = Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
-    if chosen.scale_gains:
-        # the loop's poles depend on gain over hover frequency
-        gains = gains.times(craft.hover_Hz / bare.hover_Hz)
     refuse_unstable(gains, craft, boundary)
     if g := chosen.gusts:
         gusts = Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation)
-    hold_s, duration_s = gusts.hold_s, chosen.duration or published.duration * bare.time_s
-    if duration_s < hold_s:
-        what = f"{duration_s:g} s is shorter than one gust of {hold_s:g} s"
-        raise ManifestError("simulate.duration", what, "fly for at least one gust")
-    steps = max(round(hold_s / chosen.step), 1) if chosen.step else like.steps_per_hold
-    if chosen.step and abs(steps * chosen.step - hold_s) > 1e-9 * hold_s:
-        what = f"{chosen.step:g} s is no whole part of the {hold_s:g} s for which a gust is held"
-        raise ManifestError("simulate.step", what, f"the nearest is {hold_s / steps:g} s")
-    if chosen.mass and craft.most_lift_N < craft.weight_N:
-        raise ManifestError(
-            "simulate.mass",
-            f"the rotors lift at most {craft.most_lift_N:.3g} N of a weight of"
-            f" {craft.weight_N:.3g} N",
-            "no such vehicle flies: give less mass, or a larger thrust_limit",
-        )
+    duration_s = published.duration * craft.time_s
+    if duration_s < gusts.hold_s:
+        what = f"{gusts.hold_s:g} s is longer than a flight of {duration_s:.3g} s"
+        raise ManifestError("simulate.gusts.hold", what, "give a shorter hold")
     return Simulation(
         boundary=boundary,
         groups=dimensionless(craft, gains, gusts, duration_s, contact_m / craft.radius_m),
         runge_kutta=like.runge_kutta,
-        hold_s=hold_s,
-        steps_per_hold=steps,
+        hold_s=gusts.hold_s,
+        steps_per_hold=like.steps_per_hold,
         flights=chosen.flights,
         key=key,
         spread=spread,
@@ -226,8 +208,8 @@ def fitted_flights(
         )
     form, *drawn = lift.ratios
     # the own form is carried down to contact, or to the nearest station if that is lower
-    bound = chosen.bound_z_hat.get(boundary, min(contact, nearest))
-    droop, *droops = lift.droop(chosen.supply_end)
+    bound = min(contact, nearest)
+    droop, *droops = lift.droop()
     many = replace(how, flights=max(how.flights, ADVISED_FLIGHTS))
     curves = tabulate([np.ones_like, form, lambda z: form(np.maximum(z, nearest))], bound)
     flown, step_test = sweep(many, curves, targets, chosen.risks, droop)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -46,8 +46,6 @@ TOO_FAR = 10.0
 MIN_BEYOND = 1e-4
 #: Exponent of lift over supply voltage where the loop found none: a motor at fixed duty.
 SAG_EXPONENT = 2.0
-#: Number of heights that are inferred, and averaging time of their readings, s.
-N_HEIGHTS, AVERAGING_S = 25, 1.0
 HOUR_S = 3600.0
 
 
@@ -257,22 +255,6 @@ class HeightReading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RefusedReading:
-    """A reading without a posterior, and why."""
-
-    boundary: Boundary
-    refused: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeightTrial(HeightPosterior):
-    """Posterior of the height for a reading of exactly the best estimate at `z_hat`."""
-
-    z_hat: float
-    ratio: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SignificantHeight:
     """Largest z_hat with a change of lift of at least `change` (a fraction), and its 90 % interval.
 
@@ -287,8 +269,8 @@ class SignificantHeight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryProximity:
-    """One boundary: model, sensor, range of significant change, and inferred heights or why none
-    are; `lift_per_voltage` is |d ln L / d ln V|.
+    """One boundary: model, sensor, range of significant change, and why lift cannot be inverted;
+    `lift_per_voltage` is |d ln L / d ln V|.
     """
 
     model: str
@@ -301,20 +283,17 @@ class BoundaryProximity:
     short_per_sqrt_Hz: Real
     floor: Real
     lift_per_voltage: Real
-    located: IfAny[tuple[HeightTrial, ...]] = None
     refused: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProximityResult:
-    """Content of proximity.json; `averaging_s` is the averaging time of the inferred heights."""
+    """Content of proximity.json."""
 
-    schema: str = "nearlift.proximity/1"
+    schema: str = "nearlift.proximity/2"
     false_alarm_rate: Real
     miss_rate: Real
-    averaging_s: Real
     boundaries: Mapping[Boundary, BoundaryProximity]
-    readings: tuple[HeightReading | RefusedReading, ...]
 
 
 # ---- one boundary of a campaign
@@ -370,19 +349,10 @@ class BoundarySensor:
             refuse_folds(self.z_hat, ratio, where, constant=i > 0)
 
     def summary(self) -> BoundaryProximity:
-        """Significant range and inferred heights (none where the model folds)."""
-        lift, chosen = self.lift, self.chosen
-        sigma = self.sigma(AVERAGING_S, chosen.payload[0], chosen.supply[0])
-        located, refused = None, None
+        """Sensor and significant range, and whether lift can be inverted."""
+        lift, chosen, refused = self.lift, self.chosen, None
         try:
             self.refuse_ambiguous()
-            heights = np.geomspace(*lift.measured_z_hat, N_HEIGHTS)
-            located = tuple(
-                HeightTrial(
-                    z_hat=z, ratio=r, **asdict(locate(r, sigma, self.z_hat, self.ratio[1:]))
-                )
-                for z, r in zip(heights.tolist(), lift.ratio()(heights).tolist(), strict=True)
-            )
         except InputRefused as refusal:
             refused = f"{refusal.what}; {refusal.remedy}"
         z_hat, lo90, hi90 = reaches(self.z_hat, self.ratio, chosen.significant)
@@ -399,7 +369,6 @@ class BoundarySensor:
             short_per_sqrt_Hz=self.short,
             floor=self.floor,
             lift_per_voltage=self.sag_exponent,
-            located=located,
             refused=refused,
         )
 
@@ -497,8 +466,8 @@ def read(quoted: QuotedLifts, reading: LiftReading) -> HeightReading:
 def proximity(
     quoted: QuotedLifts, say: Callable[[str], None]
 ) -> tuple[list[dict[str, object]], ProximityResult, tuple[str, ...]]:
-    """Ranges over averaging times, payloads and supplies (rows of detection.parquet); the distance
-    inferred from a reading at each height; the manifest's readings; and notes.
+    """Ranges over averaging times, payloads and supplies (rows of detection.parquet), the sensors,
+    and notes.
     """
     chosen = quoted.campaign.detect or Detect()
     rows, notes = list[dict[str, object]](), list[str]()
@@ -510,19 +479,9 @@ def proximity(
         entry = boundaries[boundary] = sensor.summary()
         if entry.refused:
             notes.append(f"{boundary}: distance cannot be inferred from lift: {entry.refused}")
-    readings: list[HeightReading | RefusedReading] = []
-    for i, reading in enumerate(chosen.reading):
-        try:
-            readings.append(read(quoted, reading))
-        except (InputRefused, UsageError) as refusal:
-            why = f"{refusal.what}; {refusal.remedy}"
-            readings.append(RefusedReading(boundary=reading.boundary, refused=why))
-            notes.append(f"detect.reading[{i}]: {why}")
     result = ProximityResult(
         false_alarm_rate=chosen.false_alarm_rate,
         miss_rate=chosen.miss_rate,
-        averaging_s=AVERAGING_S,
         boundaries=boundaries,
-        readings=tuple(readings),
     )
     return rows, result, tuple(notes)

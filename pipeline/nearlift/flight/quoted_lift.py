@@ -110,14 +110,13 @@ class QuotedLift:
         """L / L_inf - 1 at the nearest station, best estimate."""
         return float(self.ratio()(np.array(self.measured_z_hat[:1]))[0] - 1.0)
 
-    def droop(self, supply_end_V: float | None) -> list[float]:
-        """Relative change of lift once the supply has fallen to `supply_end_V` (None: the lowest on
-        record).
+    def droop(self) -> list[float]:
+        """Relative change of lift once the supply has fallen to the lowest on record.
 
         The first is of the best estimate, the others are of the draws. All are 0 without a sag
         exponent or known supply.
         """
-        left = (self.supply_V[1] if supply_end_V is None else supply_end_V) / self.supply_V[0]
+        left = self.supply_V[1] / self.supply_V[0]
         if "sag_exponent" not in self.best or not np.isfinite(left):
             return [0.0] * (1 + self.number)
         exponents = [self.best["sag_exponent"], *self.draws["sag_exponent"].tolist()]

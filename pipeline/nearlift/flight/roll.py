@@ -19,7 +19,7 @@ from nearlift.results.document import IfAny, Numbers, Real
 
 #: Roll inertia of a Crazyflie, kg m^2: lowest and highest of its system identifications.
 MEASURED_INERTIA = (1.4e-5, 1.7e-5)
-#: Relative standard uncertainty of an inertia stated without one: uniform over that range.
+#: Relative standard uncertainty of a stated inertia: uniform over that range.
 INERTIA_SPREAD = (
     (MEASURED_INERTIA[1] - MEASURED_INERTIA[0])
     / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0])
@@ -48,7 +48,7 @@ class Roll:
     """Roll torque by the campaign's fitted sidewall model over `z_hat`, the gap of the nearest tip.
 
     It is given under two assumptions: no change of the far pair's lift, or the same law for both
-    pairs. The inertia is the manifest's, `u_inertia` its relative standard uncertainty.
+    pairs. The inertia is the manifest's, `u_inertia` its relative standard uncertainty, assumed.
     """
 
     arm_m: Real
@@ -67,7 +67,6 @@ def roll_beside_wall(
     arm_m: float,
     spacing_hat: float,
     inertia_kg_m2: float | None,
-    u_inertia: float | None,
     rng: np.random.Generator,
 ) -> Roll:
     """Roll torque over the gap with 90 % intervals, from best estimate and draws of L / L_inf.
@@ -78,10 +77,9 @@ def roll_beside_wall(
     given, since lift alone cannot distinguish them.
 
     Without an inertia in the manifest the torque alone is given, since inertia depends on the
-    batteries and does not follow from mass. `u_inertia` is its relative standard uncertainty
-    (log-normal; `INERTIA_SPREAD` if None), included in the interval of the acceleration.
+    batteries and does not follow from mass. Its relative standard uncertainty `INERTIA_SPREAD`
+    (log-normal) is included in the interval of the acceleration.
     """
-    u_inertia = INERTIA_SPREAD if u_inertia is None else u_inertia
     z_hat = np.geomspace(max(nearest_z_hat, LEAST_GAP), FARTHEST_GAP, 40)
     loss, far = (
         np.stack([1.0 - ratio(z) for ratio in ratios]) for z in (z_hat, z_hat + spacing_hat)
@@ -90,7 +88,7 @@ def roll_beside_wall(
     both = loss + far
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)
-    factor = np.exp(u_inertia * rng.standard_normal(len(loss) - 1))
+    factor = np.exp(INERTIA_SPREAD * rng.standard_normal(len(loss) - 1))
 
     def rolled(lost: FloatArray) -> RollTorque:
         torque = weight_N / 2 * arm_m * lost
@@ -107,7 +105,7 @@ def roll_beside_wall(
         arm_m=arm_m,
         z_hat=z_hat,
         inertia_kg_m2=inertia_kg_m2,
-        u_inertia=u_inertia,
+        u_inertia=INERTIA_SPREAD,
         near_pair_only=rolled(2.0 * loss),
         same_law=rolled(share),
     )

@@ -6,7 +6,6 @@ nodes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
@@ -21,18 +20,6 @@ from nearlift.flow.field import VelocityField, same_grid
 SAMPLE, LAGS = 256, 32
 #: Least number of fields, and of lags, that show a correlation in time.
 FEWEST_FIELDS, FEWEST_LAGS = 8, 3
-#: Relative standard error that the paper states for its mean fields of 150 pairs.
-WANTED = 1e-3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeanConvergence:
-    """Standard error of the mean over the mean, both as root mean squares, and the number of fields
-    with which it is a thousandth.
-    """
-
-    relative_standard_error: float
-    fields_for_a_thousandth: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,18 +46,6 @@ class Average:
         if self.mean.u_m_s is not None:
             error = np.where(np.isfinite(error), error, self.mean.u_m_s)
         return np.where(self.mean.valid, error, np.nan)
-
-    @property
-    def convergence(self) -> MeanConvergence:
-        """Convergence of the mean."""
-        mean = np.stack([self.mean.vx_m_s, self.mean.vy_m_s])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            error2 = self.variance * self.tau / self.count
-        both = np.isfinite(error2) & np.isfinite(mean)
-        level = float(np.mean(mean[both] ** 2)) if both.any() else 0.0
-        error = math.sqrt(float(np.mean(error2[both])) / level) if level > 0 else math.nan
-        needed = math.ceil(self.n * (error / WANTED) ** 2) if math.isfinite(error) else math.nan
-        return MeanConvergence(relative_standard_error=error, fields_for_a_thousandth=needed)
 
 
 class Moments:

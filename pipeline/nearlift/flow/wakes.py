@@ -309,7 +309,6 @@ def _facts(recording: Recording, wake: WakeTopology | None) -> Row:
         "vectors": float(np.mean(moments.count / moments.n)),
         "mirrored": not bool(recording.measured.all()),
         "tau_fields": moments.tau,
-        "convergence": moments.convergence,
         "rotors_m": recording.scene.rotors_m,
         "vortices": [] if wake is None else list(map(asdict, wake.vortices)),
     }

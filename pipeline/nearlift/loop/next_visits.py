@@ -34,8 +34,6 @@ MOST_STATIONS = 20
 SUPPLY_STEP = 0.025
 #: Longest forecast, visits.
 HORIZON = 2000
-#: Power of the reference trials for the structure in distance of `Plan.sees`.
-SEEN = 0.9
 #: Relative ridge, which keeps information invertible where no trial determines an unknown.
 RIDGE = 1e-13
 
@@ -147,10 +145,9 @@ class Plan:
     Attributes
     ----------
     menu : Menu
-    now : (Q, Q)
-        Information of the trials so far. The first `q` unknowns are the question's, L_inf and the
-        stated errors; then follows a departure at each station.
-    added : (m, Q, Q)
+    now : (q, q)
+        Information of the trials so far on the question's unknowns, L_inf and the stated errors.
+    added : (m, q, q)
         Information of each visit of the menu.
     made : (s,) int
         Visits to each station so far.
@@ -163,18 +160,17 @@ class Plan:
     menu: Menu
     now: FloatArray
     added: FloatArray
-    q: int
     target: int
     made: IntArray
     last: int
     rotating: float
 
     def u(self, information: FloatArray) -> FloatArray:
-        """Standard uncertainty of the target given information (..., Q, Q)."""
-        inner = information[..., : self.q, : self.q]
-        size = np.sqrt(np.maximum(np.diagonal(inner, axis1=-2, axis2=-1), 1e-300))
-        unit = inner / (size[..., :, None] * size[..., None, :]) + RIDGE * np.eye(self.q)
-        aim = np.zeros((self.q, 1))
+        """Standard uncertainty of the target given information (..., q, q)."""
+        size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
+        unit = information / (size[..., :, None] * size[..., None, :])
+        unit = unit + RIDGE * np.eye(len(self.now))
+        aim = np.zeros((len(self.now), 1))
         aim[self.target] = 1.0
         variance = np.linalg.solve(unit, np.broadcast_to(aim, (*unit.shape[:-1], 1)))
         return np.asarray(
@@ -288,40 +284,16 @@ class Plan:
         """Limit of the target's standard uncertainty for any number of visits."""
         return float(self.u(self.now + 1e9 * self.of_round))
 
-    def departures(self, information: FloatArray) -> FloatArray:
-        """Information on a departure at each station, all unknowns projected out, (s, s)."""
-        inner, cross = information[: self.q, : self.q], information[: self.q, self.q :]
-        size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        taken = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-12, hermitian=True)
-        cross = cross / size[:, None]
-        return np.asarray(information[self.q :, self.q :] - cross.T @ taken @ cross)
-
-    def sees(self, information: FloatArray, like: FloatArray, level: float) -> float:
-        """Power of a test at `level` for a structure in distance that trials with the information
-        `like` would detect with the power `SEEN`.
-        """
-        from scipy.optimize import brentq
-        from scipy.stats import chi2, ncx2
-
-        reference = self.departures(like)
-        full = np.linalg.eigvalsh(reference)
-        freedom = int(np.sum(full > 1e-9 * max(full[-1], 1e-300)))
-        needed = chi2.isf(level, freedom)
-        enough = brentq(lambda x: ncx2.sf(needed, freedom, x) - SEEN, 1e-6, 1e4)
-        share = np.trace(self.departures(information)) / np.trace(reference)
-        return float(ncx2.sf(needed, freedom, max(share * enough, 1e-9)))
-
 
 def plan(problem: SearchProblem, question: Question, offered: Menu, rotating: float) -> Plan:
     """Plan from a problem's trials and the visits on offer; see `Plan` for `rotating`."""
     n, both = problem.data.n, join(problem.data, offered.trials)
     slope = height_slope(problem.base, both, problem.base.named(problem.theta))
     declared = budget.shared(both, problem.linear_parts, slope)
-    departed = np.eye(len(offered.z_hat))[offered.nearest(both.z_hat)]
     asked = question.columns(both)
-    columns = np.hstack([asked, both.level_design, declared, departed])
+    columns = np.hstack([asked, both.level_design, declared])
     levels, errors = both.level_design.shape[1], declared.shape[1]
-    held = np.r_[question.held, np.zeros(levels), np.ones(errors), np.zeros(departed.shape[1])]
+    held = np.r_[question.held, np.zeros(levels), np.ones(errors)]
     bare = dataclasses.replace(problem.space.covariance, shared=np.zeros((n, 0)))
     white = bare.whiten(columns[:n].T)
     added = []
@@ -338,7 +310,6 @@ def plan(problem: SearchProblem, question: Question, offered: Menu, rotating: fl
         menu=offered,
         now=white @ white.T + np.diag(held),
         added=np.array(added),
-        q=len(held) - departed.shape[1],
         target=question.target,
         made=np.bincount(station[first], minlength=len(offered.z_hat)).astype(np.int64),
         last=int(station[-1]),

@@ -11,7 +11,6 @@ from nearlift import catalogue
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.errors import InputRefused, NotConverged
-from nearlift.likelihood.noise import floor
 from nearlift.loop import coefficients
 from nearlift.loop.few_visits import applies
 from nearlift.loop.power import DRAWS, LIMIT_POWER, DesignPower, SizeParameter, size_parameters
@@ -25,7 +24,6 @@ from nearlift.results.explanation import (
     EffectAccount,
     EffectAtBoundary,
     EffectBetweenTrials,
-    EffectCurves,
     EffectSize,
     EffectVerdict,
     EffectWithinTrial,
@@ -41,8 +39,8 @@ def explain(
     campaign: Campaign,
     diagnoses: Mapping[Boundary, BoundaryDiagnosis],
     seed: int,
-) -> tuple[EffectAccount, list[EffectCurves]]:
-    """Account of the effect of that name at every boundary, and curves of each of its sizes.
+) -> EffectAccount:
+    """Account of the effect of that name at every boundary.
 
     Raises
     ------
@@ -53,7 +51,6 @@ def explain(
     """
     effect = catalogue.effect(name)
     explained: dict[Boundary, EffectAtBoundary] = {}
-    curves: list[EffectCurves] = []
     refused = []
     for boundary in boundaries(trials):
         diagnosis = diagnoses.get(boundary)
@@ -62,8 +59,7 @@ def explain(
         except NotConverged as fault:
             refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
-        explained[boundary], more = _at(forecast, effect, diagnosis)
-        curves += more
+        explained[boundary] = _at(forecast, effect, diagnosis)
     if not explained:
         raise InputRefused(
             campaign.name,
@@ -75,20 +71,19 @@ def explain(
         campaign=campaign.name,
         boundaries=explained,
         notes=tuple(refused),
-        files=(),
-    ), curves
+    )
 
 
 def _at(
     forecast: Forecast, effect: Effect, diagnosis: BoundaryDiagnosis | None
-) -> tuple[EffectAtBoundary, list[EffectCurves]]:
-    """Account at one boundary, and curves of the effect's sizes."""
+) -> EffectAtBoundary:
+    """Account at one boundary."""
     for lacking in forecast.untestable:
         if lacking.effect == effect.name:
-            return NoCandidate(needs=lacking.needs, log_next_time=lacking.log_next_time), []
+            return NoCandidate(needs=lacking.needs, log_next_time=lacking.log_next_time)
     if effect.name not in {e.name for e in forecast.effects}:
         reason = "it does not occur at this boundary, or the base model holds it already"
-        return NoCandidate(needs=(), log_next_time=(), reason=reason), []
+        return NoCandidate(needs=(), log_next_time=(), reason=reason)
     problem = forecast.problem
     rate = problem.options.false_alarm_rate
     common: dict[str, Any] = {
@@ -102,16 +97,15 @@ def _at(
     }
     if effect.within_trial:
         power = heating_power(problem.data, rate, LIMIT_POWER)
-        return EffectWithinTrial(**common, within_trial=power), []
-    curves = [_size(forecast.design, size_parameter) for size_parameter in size_parameters(effect)]
+        return EffectWithinTrial(**common, within_trial=power)
     return EffectBetweenTrials(
         **common,
         share_visible=problem.visibility(effect),
-        sizes=tuple(c.size for c in curves),
-    ), curves
+        sizes=tuple(_size(forecast.design, of) for of in size_parameters(effect)),
+    )
 
 
-def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectCurves:
+def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectSize:
     """Power, detection limit, confusions and harm of one of the effect's sizes."""
     stage = design.problem
     silent = stage.visibility(size_parameter.effect) <= SILENT
@@ -132,7 +126,7 @@ def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectCurves:
         )
         for n, a in absorbed.items()
     ]
-    size = EffectSize(
+    return EffectSize(
         parameter=size_parameter.parameter.name,
         unit=size_parameter.parameter.unit,
         meaning=size_parameter.parameter.meaning,
@@ -153,15 +147,6 @@ def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectCurves:
             p.name: UnseenBias(value=float(v), shift=float(d), in_u=float(d / s) if s > 0 else 0.0)
             for p, v, d, s in zip(stage.base.parameters, value, shift, u, strict=True)
         },
-    )
-    return EffectCurves(
-        effect=size_parameter.effect,
-        data=stage.data,
-        size=size,
-        raw=raw,
-        left=left,
-        noise=floor(stage.data, stage.noise, stage.slope),
-        false_alarm_rate=stage.options.false_alarm_rate,
     )
 
 

@@ -97,7 +97,7 @@ def _at(
     asked: VisitQuestion,
     count: int,
 ) -> NextVisits:
-    """Next visits at one boundary, their gain and their cost."""
+    """Next visits at one boundary and their gain."""
     problem, effects = forecast.problem, forecast.effects
     data, notes = problem.data, list(forecast.notes)
     question, aim = (
@@ -141,12 +141,11 @@ def _batch(
     notes: list[str],
     shown_m: Mapping[float, float],
 ) -> NextVisits:
-    """Batch of visits, its gain and its cost."""
+    """Batch of visits and its gain."""
     boundary, seed, parts = problem.data.boundary, problem.options.seed, len(aim) > 1
     visits = plan.batch(count, generator(seed, "next visits", boundary, *aim))
     u_wanted, u_now = 1 / np.sqrt(SEPARATED) if parts else until, plan.u(plan.now)
     more: dict[str, int | None] = dict.fromkeys(("visits_wanted", "visits_evenly"))
-    end = plan.after(visits)
     if u_wanted is not None and u_now <= u_wanted:
         more = dict.fromkeys(more, 0)
     elif u_wanted is not None:
@@ -155,11 +154,7 @@ def _batch(
         evenly = plan.evenly(u_wanted)
         more["visits_evenly"] = None if evenly is None else int(np.ceil(evenly))
         if wanted is not None:
-            more["visits_wanted"], end = len(wanted), plan.after(wanted)
-    sees = float("nan")
-    if (as_much := plan.evenly(float(plan.u(end)))) is not None:
-        like = plan.now + as_much * plan.of_round
-        sees = plan.sees(end, like, 10.0 ** problem.nothing_added[0].threshold)
+            more["visits_wanted"] = len(wanted)
     menu = plan.menu
     throttles = menu.trials.throttle.reshape(len(menu), -1)
     z_hat = menu.z_hat[menu.station[visits]].tolist()
@@ -176,8 +171,6 @@ def _batch(
         wanted=SEPARATED if parts else until,
         **more,
         best=known(plan.least),
-        sees=sees,
-        sees_evenly=next_visits.SEEN,
         visits=tuple(
             NextVisit(
                 z_hat=z,

@@ -113,7 +113,6 @@ def _fig2_view(evidence: Evidence, every: pd.DataFrame, boundary: Boundary) -> S
         "points": points,
         "lines": lines[["label", *at]],
         "band": pick(table, kind="band")[["z_hat", "lo90_percent", "hi90_percent"]].dropna(),
-        "overlays": pick(table, kind="overlay")[["label", *at]],
     }
     return _spec(
         "fig2",

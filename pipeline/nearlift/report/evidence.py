@@ -12,7 +12,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from nearlift import catalogue
-from nearlift.campaign.choices import Overlay
 from nearlift.campaign.manifest import Campaign, boundaries_of
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ProductError
@@ -49,8 +48,6 @@ class Evidence:
         JSON products by file name.
     observations : mapping of Boundary to Observations
         The accepted trials of each boundary.
-    overlays : tuple of (Overlay, Columns)
-        Further data named in the manifest: `z_hat`, `delta_L`, `u` as fractions.
     digests : mapping of str to str
         SHA-256 of each product, by file name.
     inputs : mapping of str to str
@@ -66,7 +63,6 @@ class Evidence:
     tables: Mapping[str, Columns] = field(default_factory=dict)
     documents: Mapping[str, dict[str, object]] = field(default_factory=dict)
     observations: Mapping[Boundary, Observations] = field(default_factory=dict)
-    overlays: tuple[tuple[Overlay, Columns], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)

@@ -90,8 +90,8 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter("verdict", "verdict", "Verdict", verdict.facts),
     Chapter("why", "diagnosis", "Diagnosis", diagnosis.facts, (DIAGNOSIS,), "diagnosis"),
     Chapter("number", "doubts", "Doubts, and coefficients under other assumptions", numbers.doubts),
-    Chapter("number", "budget", "Uncertainty budget", numbers.budget, drawn="budget"),
-    Chapter("number", "limits", "Degeneracies", numbers.limits, drawn="profiles"),
+    Chapter("number", "budget", "Uncertainty budget", numbers.budget),
+    Chapter("number", "limits", "Degeneracies", numbers.limits),
     Chapter("number", "posterior", "Posterior", numbers.posterior, (FIT, POSTERIOR), "corner"),
     Chapter("number", "levels", "Lift far from the boundary", numbers.levels),
     Chapter(
@@ -122,9 +122,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         "downwash fig3 fig4 fig5",
     ),
     Chapter("flight", "safety", "Safety", safety.facts, (SAFETY,), "fig6 safety"),
-    Chapter(
-        "flight", "proximity", "Proximity", proximity.facts, (DETECTION, PROXIMITY), "detection"
-    ),
+    Chapter("flight", "proximity", "Proximity", proximity.facts, (DETECTION, PROXIMITY)),
     Chapter("origin", "provenance", "Inputs, versions and command", records.provenance, ()),
 )
 

@@ -10,7 +10,7 @@ from nearlift.rounding import plain
 
 
 def text(batch: NextVisits) -> str:
-    """Table of the visits, then their gain, stopping point and cost."""
+    """Table of the visits, then their gain and stopping point."""
     moved = any(v.supply_V is not None for v in batch.visits)
     table = [
         f"{batch.boundary}, {batch.trials} trials, {batch.base_model}",
@@ -28,8 +28,8 @@ def text(batch: NextVisits) -> str:
 
 
 def lines(batch: NextVisits) -> list[str]:
-    """Gain of the visits, where to stop, and their cost."""
-    return [_gain(batch), *([stop(batch)] if batch.wanted is not None else []), _cost(batch)]
+    """Gain of the visits, and where to stop."""
+    return [_gain(batch), *([stop(batch)] if batch.wanted is not None else [])]
 
 
 def brief(batch: NextVisits) -> list[str]:
@@ -92,12 +92,3 @@ def _out_of_reach(batch: NextVisits) -> bool:
 
 def _trials(batch: NextVisits, visits: int) -> str:
     return f"{batch.throttles * visits:,}".replace(",", " ")
-
-
-def _cost(batch: NextVisits) -> str:
-    if not math.isfinite(batch.sees):
-        return "no number of even visits to all stations would answer this"
-    return (
-        "cost: an unmodelled dependence on distance is found with"
-        f" {100 * batch.sees:.0f} % probability instead of {100 * batch.sees_evenly:.0f} %"
-    )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from nearlift.declare import Boundary
 from nearlift.results.diagnosis import CoefficientLimit
-from nearlift.results.document import IfAny, Real
+from nearlift.results.document import Real
 from nearlift.results.estimate import Noise
 from nearlift.results.outlook import EffectOutlook, UntestableEffect
 
@@ -59,7 +59,7 @@ class DrawnSchedule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignOutlook:
-    """Answer of `design`; `notes` say what could not be weighed, `files` what was written."""
+    """Answer of `design`; `notes` say what could not be weighed."""
 
     campaign: str
     plan: str
@@ -67,4 +67,3 @@ class DesignOutlook:
     boundaries: Mapping[Boundary, BoundaryOutlook]
     notes: tuple[str, ...]
     schedule: DrawnSchedule
-    files: IfAny[tuple[str, ...]] = None

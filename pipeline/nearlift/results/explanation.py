@@ -8,11 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from nearlift.declare import Boundary, Effect, FloatArray
+from nearlift.declare import Boundary
 from nearlift.results.diagnosis import LoopEstimate, TriedCandidate
 from nearlift.results.document import IfAny, Numbers, Real, Unbounded
 from nearlift.results.estimate import Noise
-from nearlift.results.observations import Observations
 from nearlift.results.outlook import UnseenBias
 from nearlift.results.quotation import Verdict
 
@@ -166,33 +165,11 @@ EffectAtBoundary = NoCandidate | EffectWithinTrial | EffectBetweenTrials
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectAccount:
-    """The whole answer: each boundary, and the figure's files; `notes` are boundaries that could
-    not be looked at. `nearlift describe EFFECT` has its declaration.
+    """The whole answer at each boundary; `notes` are boundaries that could not be looked at.
+    `nearlift describe EFFECT` has the effect's declaration.
     """
 
     effect: str
     campaign: str
     boundaries: Mapping[Boundary, EffectAtBoundary]
     notes: tuple[str, ...]
-    files: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectCurves:
-    """Signature of an effect of one size over the trials, for its figure.
-
-    Attributes
-    ----------
-    raw, left : array (n,)
-        Relative change of lift, and the part that coefficients and L_inf leave.
-    noise : float
-        Scatter of one trial about any curve, rms over trials.
-    """
-
-    effect: Effect
-    data: Observations
-    size: EffectSize
-    raw: FloatArray
-    left: FloatArray
-    noise: float
-    false_alarm_rate: float

@@ -1,4 +1,4 @@
-"""The next visits of a campaign, their gain and their cost."""
+"""The next visits of a campaign and their gain."""
 
 from __future__ import annotations
 
@@ -41,9 +41,6 @@ class NextVisits:
         The same where all stations are visited equally often.
     best : float
         What no number of visits betters.
-    sees : float
-        Probability to detect a structure in distance at the end, or after these visits. Even visits
-        to all stations that teach as much detect it with probability `sees_evenly`.
     """
 
     boundary: Boundary
@@ -57,8 +54,6 @@ class NextVisits:
     visits_wanted: int | None
     visits_evenly: int | None
     best: Real
-    sees: Real
-    sees_evenly: Real
     visits: tuple[NextVisit, ...]
     notes: tuple[str, ...] = ()
 

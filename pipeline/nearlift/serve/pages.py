@@ -206,8 +206,7 @@ def _product(root: Path, relative: str) -> HttpAnswer:
 
 
 def _page(root: Path, title: str, status: int = 200, **facts: Any) -> HttpAnswer:
-    comparison = (root / "reports/comparison/index.html").is_file()
-    about = {"title": title, "workspace": str(root), "comparison": comparison}
+    about = {"title": title, "workspace": str(root)}
     text = _template().render({"listed": None, "refusal": None, **about, **facts})
     return HttpAnswer(body=text.encode(), status=status)
 

@@ -24,21 +24,6 @@ RESULTS = Product(
         " doubts; by fit alone until diagnosed"
     ),
 )
-PROFILES = Product(
-    file="profiles.parquet",
-    title="Profile likelihoods",
-    row=(
-        "a value of one coefficient of one model at one boundary, everything else at its best there"
-    ),
-    columns=(
-        text("boundary", "ground, ceiling or sidewall"),
-        text("model", "name of the lift model"),
-        text("parameter", "name of the coefficient"),
-        real("value", "", "the value at which it is held, in the coefficient's unit"),
-        real("rise", "1", "chi2 above its least, L_inf and the other coefficients optimised"),
-        real("quadratic", "1", "the same as the standard uncertainty would have it"),
-    ),
-)
 POSTERIOR = Product(
     file="posterior.parquet",
     title="Posterior draws",
@@ -103,7 +88,6 @@ def run(job: Job) -> Outcome:
         begun += len(chosen)
     draws = tables.stacked(POSTERIOR, fits.draws)
     job.write(POSTERIOR, draws)
-    job.write(PROFILES, tables.stacked(PROFILES, fits.profiles))
     job.write(FIT, fits.results)
     job.write(RESULTS, Results(boundaries=fits.quoted))
     if job.campaign.fit.netcdf:
@@ -133,6 +117,6 @@ STAGE = Stage(
     run=run,
     summary="fit lift models by least squares, with posteriors",
     reads=(TRIALS,),
-    writes=(FIT, PROFILES, POSTERIOR, RESULTS),
+    writes=(FIT, POSTERIOR, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit"),
 )

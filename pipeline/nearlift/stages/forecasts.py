@@ -27,7 +27,7 @@ SCHEDULE = "trials.csv"
 
 
 def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> DesignOutlook:
-    """Forecast of a planned campaign, written with its figure and a random schedule.
+    """Forecast of a planned campaign, written with a random schedule.
 
     Parameters
     ----------
@@ -45,19 +45,14 @@ def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) 
     """
     from nearlift.planning.design import design
     from nearlift.planning.plans import plan, schedule_text
-    from nearlift.report.figures import design as figure
-    from nearlift.stages.gathering import for_print
 
     target = job.reports / "design" / SCHEDULE if write is None else _target(write)
     made = plan(job.campaign, _listed(job), job.seed)
     floors = None if earlier is None else _floors(earlier)
     outlook, drawn = design(job.campaign, made, job.seed, str(target), floors)
     tables.write_whole(target, schedule_text(drawn, job.campaign).encode())
-    content = {"json": tables.json_bytes(outlook)} | for_print(
-        figure.draw, figure.table(outlook), job.campaign
-    )
-    files = [job.put(f"reports/design/design.{kind}", data) for kind, data in content.items()]
-    return replace(outlook, files=tuple(map(str, files)))
+    job.put("reports/design/design.json", tables.json_bytes(outlook))
+    return outlook
 
 
 def _listed(job: Job) -> tuple[Schedule, str] | None:
@@ -104,21 +99,11 @@ def _target(write: Path) -> Path:
 
 
 def explain(job: Job, name: str) -> EffectAccount:
-    """Account of one effect, with its figure under ``reports/<campaign>/explain``; see
-    `planning.explain.explain`.
-    """
+    """Account of one effect; see `planning.explain.explain`."""
     from nearlift.planning.explain import explain
 
     trials, diagnoses = job.read(TRIALS), findings(job.processed)
-    account, curves = explain(name, trials, job.campaign, diagnoses, job.seed)
-    if not curves:
-        return account
-    from nearlift.report.figures import explain as figure
-    from nearlift.stages.gathering import for_print
-
-    content = for_print(figure.draw, figure.table(curves), job.campaign)
-    files = [job.put(f"reports/explain/{name}.{kind}", data) for kind, data in content.items()]
-    return replace(account, files=tuple(map(str, files)))
+    return explain(name, trials, job.campaign, diagnoses, job.seed)
 
 
 def next_visits(

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from nearlift.observed import boundaries, observe
-from nearlift.report import overlays
 from nearlift.report.evidence import Evidence
 from nearlift.results.document import Json
 from nearlift.run import tables
@@ -15,12 +12,6 @@ from nearlift.stages.diagnose import QUOTED_POSTERIOR
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from nearlift.campaign.manifest import Campaign
-    from nearlift.report.figures.files import Draw
 
 #: Products without which there is nothing to report.
 NEEDED = (TRIALS, FIT, RESULTS)
@@ -57,24 +48,9 @@ def gather(job: Job) -> Evidence:
         observations={
             b: observe(trials, job.campaign, b) for b in boundaries(trials) if b in fitted
         },
-        overlays=overlays.read(job.root, job.campaign, job.processed.parent),
         digests=digests,
         inputs=dict(job.inputs),
         versions=versions(),
         folder=job.root.resolve().name,
         seed=job.seed,
     )
-
-
-def for_print(
-    draw: Draw, table: pd.DataFrame, campaign: Campaign | None = None
-) -> dict[str, bytes]:
-    """The files of one figure that is not part of the report: pdf, png and csv, in the style that a
-    campaign asks for.
-    """
-    from nearlift.report.figures.files import render
-    from nearlift.report.figures.style import Style, style_of
-    from nearlift.report.tables import csv
-
-    style = style_of(campaign) if campaign else Style()
-    return render(draw, table, style) | {"csv": csv(table)}

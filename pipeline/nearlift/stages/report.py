@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nearlift.run.engine import Inputs, Job, Outcome, Stage
+from nearlift.run.engine import Job, Outcome, Stage
 
 if TYPE_CHECKING:
-    from nearlift.campaign.manifest import Campaign
     from nearlift.report.evidence import Evidence
     from nearlift.report.figures.spec import FigureSpec
-
-
-def inputs(root: Path, campaign: Campaign) -> Inputs:
-    """Curves of others that figures show; the page lists every other raw file as well."""
-    files = (overlay.file for overlay in campaign.report.overlay)
-    return {file: (file,) for file in files if (root / file).is_file()}
 
 
 def run(job: Job) -> Outcome:
     """Make the whole report again; remove the files of a figure whose products are missing."""
     from nearlift.report.figures.files import render
-    from nearlift.report.figures.style import style_of
     from nearlift.report.page.render import Picture, page
     from nearlift.report.registry import FIGURES, charts
     from nearlift.report.tables import csv
     from nearlift.stages.gathering import gather
 
-    look = style_of(job.campaign)
     evidence = gather(job)
     pictures, missing = [], []
     for i, spec in enumerate(FIGURES):
@@ -39,7 +29,7 @@ def run(job: Job) -> Outcome:
             for kind in ("pdf", "png", "csv"):
                 job.put(f"reports/{spec.name}.{kind}", None)
             continue
-        files = render(spec.draw, rows, look) | {"csv": csv(rows)}
+        files = render(spec.draw, rows, job.campaign.simulated) | {"csv": csv(rows)}
         for kind, content in files.items():
             job.put(f"reports/{spec.name}.{kind}", content)
         pictures.append(
@@ -101,10 +91,8 @@ STAGE = Stage(
         "trials",
         "levels",
         "fit",
-        "report",
         "uncertainty",
         "piv",
     ),
-    inputs=inputs,
     report=True,
 )

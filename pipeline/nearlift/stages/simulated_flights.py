@@ -65,21 +65,21 @@ def _counting(job: Job, chosen: Simulate) -> Say:
 
 
 def vehicle(job: Job, chosen: Simulate) -> Craft:
-    """The campaign's vehicle as the simulation knows it, with the mass that it flies with."""
+    """The campaign's vehicle as the simulation knows it."""
     v, rig = job.campaign.vehicle, job.campaign.rig
-    fits, mass_kg = job.load(FitResults), chosen.mass or v.mass
+    fits = job.load(FitResults)
     most = max(
         (e.value for b in fits.boundaries for e in fits.of_base(b).L_inf_N.values()), default=0.0
     )
     return Craft(
         radius_m=v.rotor_radius,
-        mass_kg=mass_kg,
+        mass_kg=v.mass,
         gravity_m_s2=rig.gravity,
         density_kg_m3=rig.air_density or AIR,
         C_L=chosen.lift_coefficient,
         rotors=v.rotors,
         # a bench that never carried the weight does not show the largest lift
-        most_lift_N=v.thrust_limit or (most if most > mass_kg * rig.gravity else math.inf),
+        most_lift_N=v.thrust_limit or (most if most > v.mass * rig.gravity else math.inf),
     )
 
 
@@ -109,9 +109,7 @@ def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, Fitted
         job.say(f"simulate fitted {boundary}")
         lift = quoted_lifts(job).lift(boundary, chosen.draws)
         contact_m = job.campaign.contact_m(boundary)
-        how = conditions(
-            chosen, boundary, craft, contact_m, key, job.executor.map, job.campaign.vehicle.mass
-        )
+        how = conditions(chosen, boundary, craft, contact_m, key, job.executor.map)
         held = job.campaign.rig.held
         fitted[boundary], rows = fitted_flights(lift, chosen, how, held, craft, job.seed)
         rates += rows
@@ -131,6 +129,5 @@ def _roll(job: Job, chosen: Simulate) -> Roll | None:
         arm_m=v.rotor_spacing / 2,
         spacing_hat=v.rotor_spacing / v.rotor_radius,
         inertia_kg_m2=chosen.roll_inertia,
-        u_inertia=chosen.roll_inertia_uncertainty,
         rng=generator(job.seed, "roll"),
     )

@@ -11,10 +11,8 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from nearlift import catalogue
-from nearlift.errors import InputRefused
 from nearlift.flight.energy import Held
 from nearlift.flight.export.table import LiftTable, lift_table
-from nearlift.flight.proximity import grid, refuse_folds
 from nearlift.flight.quoted_lift import AT_REFERENCE, QuotedLift
 
 
@@ -44,8 +42,6 @@ class ExportedLift:
         Rows of the parameters' covariance matrix over the draws, in the same order.
     known : mapping of str to float
         Geometry that the model needs.
-    inverse : str or None
-        Why no inverse is exported; None where one is.
     """
 
     model: str
@@ -57,7 +53,6 @@ class ExportedLift:
     covariance: Mapping[str, tuple[float, ...]]
     known: Mapping[str, float]
     table: LiftTable
-    inverse: str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +63,7 @@ class ModelExport:
     product that uncertainties come from.
     """
 
-    schema: str = "nearlift.lift_model/4"
+    schema: str = "nearlift.lift_model/5"
     campaign: str
     nearlift: str
     trials_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -90,11 +85,6 @@ def exported(lift: QuotedLift) -> ExportedLift:
     model, ratio = lift.model, lift.ratio()
     low = max(lift.measured_z_hat[0], model.valid_z_hat[0])
     high = min(lift.measured_z_hat[1], model.valid_z_hat[1])
-    inverse = None
-    try:
-        refuse_folds(z_hat := grid(low, high), ratio(z_hat), "export")
-    except InputRefused as refusal:
-        inverse = refusal.what
     # an effect in time stays at its reference, so none of its parameters is in the ratio
     effects = [catalogue.effect(name) for name in lift.effects]
     in_time = [e for e in effects if not set(AT_REFERENCE).isdisjoint(e.needs)]
@@ -121,7 +111,6 @@ def exported(lift: QuotedLift) -> ExportedLift:
             if np.ndim(v) == 0 and n not in AT_REFERENCE
         },
         table=lift_table(ratio, lift.drawn, low, high),
-        inverse=inverse,
     )
 
 

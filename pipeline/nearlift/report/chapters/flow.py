@@ -12,9 +12,8 @@ from nearlift.report import blocks, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import cut, manifest
-from nearlift.report.number import Number, Place
 from nearlift.rounding import fixed, like, plain
-from nearlift.stages.flow import DOWNWASH, FLOW, FLOW_TOPOLOGY
+from nearlift.stages.flow import DOWNWASH, FLOW_TOPOLOGY
 
 #: Rows of the table of topology: title and decimals by column of flow_topology.parquet.
 TOPOLOGY = {
@@ -27,7 +26,7 @@ TOPOLOGY = {
 
 def facts(evidence: Evidence) -> Markup:
     """Downwash measured and implied near each boundary, every case, and the wake."""
-    convergence, tilted = "Convergence of the averages", fig5.cases(evidence)
+    tilted = fig5.cases(evidence)
     wake = blocks.figure("fig5"), _topology(evidence, tilted)
     return blocks.join(
         blocks.items(filter(None, (b.flow for b in words.briefs(evidence))), ""),
@@ -35,7 +34,6 @@ def facts(evidence: Evidence) -> Markup:
         blocks.figure("fig3"),
         blocks.fold("Every case", _cases(evidence), blocks.figure("fig4")),
         blocks.fold("The wake over a tilted ground", *wake) if tilted else "",
-        blocks.fold(convergence, _convergence(evidence, convergence)),
     )
 
 
@@ -87,20 +85,3 @@ def _topology(evidence: Evidence, cases: list[PivCase]) -> Markup:
     tilts = (f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases)
     source = FLOW_TOPOLOGY.file
     return blocks.table("The wake at each tilt", ("tilt", *tilts), rows, hidden=True, source=source)
-
-
-def _convergence(evidence: Evidence, caption: str) -> Markup:
-    """Fields of each case, and how well their average is known."""
-    rows: list[tuple[object, ...]] = []
-    for c in (Place(evidence, FLOW, ("cases", c.name)) for c in manifest(evidence).case):
-        left_out = "; ".join(f"{x['file']} ({x['reason']})" for x in c.content["left_out"])
-        error: Number = c.percent("convergence", "relative_standard_error", digits=2)
-        needed = c.number("convergence", "fields_for_a_thousandth", digits=2)
-        tau = c.number("tau_fields", digits=2)
-        fields = c.number("fields", digits=6)
-        rows.append((str(c.path[-1]), fields, tau, error, needed, left_out or "none"))
-    heads = (
-        *("case", "fields", "per independent one", "standard error of the mean, %"),
-        *("fields for 0.1 %", "left out"),
-    )
-    return blocks.table(caption, heads, rows, hidden=True)

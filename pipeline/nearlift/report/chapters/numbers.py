@@ -94,11 +94,11 @@ def budget(evidence: Evidence) -> Markup:
                 blocks.paragraph("95 %: {} to {}.{}", low, high, limits if few else "", note=True),
             ]
     note = "Standard uncertainties (k = 1) of correlated sources; all are in tables/budget.csv."
-    return blocks.join(blocks.figure("budget"), blocks.paragraph(note), *parts)
+    return blocks.join(blocks.paragraph(note), *parts)
 
 
 def limits(evidence: Evidence) -> Markup:
-    """Remedies that would halve each uncertainty, degeneracies, and profiles."""
+    """Remedies that would halve each uncertainty, and degeneracies."""
     parts = []
     for boundary in evidence.boundaries:
         side, fit = boundary.capitalize(), evidence.base(boundary)[1]
@@ -116,7 +116,7 @@ def limits(evidence: Evidence) -> Markup:
             (f"{side}: degeneracies of the base fit ({len(pairs)})", pairs),
         ):
             parts.append(blocks.fold(title, blocks.items(lines), opened=lines is halves))
-    return blocks.join(*parts, blocks.figure("profiles"))
+    return blocks.join(*parts)
 
 
 def posterior(evidence: Evidence) -> Markup:

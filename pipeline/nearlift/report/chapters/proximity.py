@@ -1,21 +1,21 @@
-"""Proximity: the distance at which a boundary shows in lift, and readings of the manifest."""
+"""Proximity: the distance at which a boundary shows in lift."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 
 from markupsafe import Markup
 
 from nearlift.declare import BOUNDARIES
-from nearlift.flight.proximity import MIN_BEYOND
 from nearlift.report import blocks
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
-from nearlift.stages.detect import PROXIMITY
+from nearlift.rounding import plain
+from nearlift.stages.detect import DETECTION, PROXIMITY
 
 
 def facts(evidence: Evidence) -> Markup:
-    """Distance of significance of each boundary, the detection range, and the readings."""
+    """Distance of significance of each boundary, and detection ranges."""
     root = Place(evidence, PROXIMITY)
     sides = [p for side in BOUNDARIES if (p := root.at("boundaries", side)).content]
     heads = (
@@ -24,13 +24,7 @@ def facts(evidence: Evidence) -> Markup:
     )
     return blocks.join(
         blocks.table("Distance of a significant change of lift", heads, map(_significant, sides)),
-        blocks.figure("detection"),
-        blocks.table(
-            "Readings of the manifest: distance of a boundary (90 %), and probability of none"
-            " within the measured distances (prior: 50 %)",
-            ("boundary", "reading", "L/L∞", "ẑ", "mm", "none, %"),
-            [_reading(r) for r in root.every("readings")],
-        ),
+        *(_ranges(evidence, side) for side in sides),
     )
 
 
@@ -47,19 +41,21 @@ def _significant(side: Place) -> tuple[object, ...]:
     )
 
 
-def _reading(r: Place) -> tuple[object, ...]:
-    side, refused, z = r.content["boundary"].capitalize(), r.content.get("refused"), r.at("z_hat")
-    if refused:
-        return side, refused
-    throttle = r.percent("throttle", digits=3)
-    beyond = r.percent("beyond", digits=2)
-    if beyond.value < MIN_BEYOND:
-        beyond = replace(beyond, text="< 0.01")
-    return (
-        side,
-        "lift ratio" if r.content["throttle"] is None else Markup("hover at {} %").format(throttle),
-        Markup("{} ± {}").format(r.number("ratio"), r.number("u", digits=2)),
-        Markup("{}{}").format(z.number("median", digits=3), blocks.span("{}", z.ends(digits=3))),
-        r.number("z_m", "median", digits=3, scale=1000, how="in mm"),
-        beyond,
+def _ranges(evidence: Evidence, side: Place) -> Markup:
+    """Detection range by averaging time, for each uncertainty of weight or supply alone."""
+    every = evidence.frame(DETECTION, boundary=side.path[-1])
+    alone = (every[["voltage", "payload"]] == every[["voltage", "payload"]].min()).any(axis=1)
+    ranges = every[alone].pivot(
+        index=["voltage", "payload"], columns="averaging_s", values="range_z_hat"
     )
+    rows = [
+        (
+            *(f"{100 * u:.3g}" for u in (payload, voltage)),
+            *("none" if math.isnan(z) else plain(z, 3) for z in far),
+        )
+        for voltage, payload, *far in ranges.reset_index().to_numpy(dtype=float)
+    ]
+    times = (f"{plain(float(t), 3)} s" for t in ranges.columns)
+    caption = f"{side.title}: farthest ẑ detected, by averaging time"
+    heads = ("u(weight), %", "u(supply voltage), %", *times)
+    return blocks.table(caption, heads, rows, source=DETECTION.file)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.report.figures import style
-from nearlift.report.figures.style import Style
 from nearlift.results import Observations
 
 #: Up to this many distinct values a covariate is binned by value, beyond it by quantiles.
@@ -108,16 +107,11 @@ def means(
     return count, np.bincount(label, x) / count, mean, error
 
 
-def shown_x(covariate: str, x: Any, look: Style) -> Any:
-    """Values of a covariate as they are drawn: distances in the style's unit."""
-    return look.distance[0] * x if covariate in DISTANCES else x
-
-
-def abscissa(ax: Axes, covariate: str, centres: list[float], look: Style) -> None:
+def abscissa(ax: Axes, covariate: str, centres: list[float]) -> None:
     """Scale, ticks and label of an axis whose bins have these centres."""
     label = LABELS.get(covariate) or style.quantity(covariate)
     if covariate in DISTANCES:
-        label = covariate.removesuffix("z_hat").replace("_", " ") + look.distance[1]
+        label = covariate.removesuffix("z_hat").replace("_", " ") + style.Z_HAT
         style.log_distance(ax, label)
     elif len(centres) <= DISCRETE:
         words = {-1.0: "closer", 1.0: "away"} if covariate == "approach" else {}

@@ -16,7 +16,7 @@ from nearlift.nomenclature import letter
 from nearlift.report.evidence import Evidence, frame
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, TEXT_PT, Style
+from nearlift.report.figures.style import SERIES, TEXT_PT
 from nearlift.rounding import plain
 from nearlift.stages.diagnose import QUOTED_POSTERIOR
 from nearlift.stages.fit import FIT, POSTERIOR
@@ -86,7 +86,7 @@ def _corner() -> Any:
             del sys.modules["arviz"]
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """A triangle of panels for each boundary."""
     corner = _corner()
     wide = {
@@ -94,7 +94,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
         for boundary, rows in table.groupby("panel", sort=False)
     }
     sizes = [draws.shape[1] for draws in wide.values()]
-    panel = min(look.double_in / sum(sizes), MAX_PANEL_IN)
+    panel = min(style.DOUBLE_IN / sum(sizes), MAX_PANEL_IN)
     figure = Figure(figsize=(panel * sum(sizes), panel * max(sizes) + 0.2))
     blocks: Any = figure.subfigures(1, len(wide), squeeze=False, width_ratios=sizes)[0]
     heads = style.lettered([str(boundary) for boundary in wide])

@@ -30,7 +30,7 @@ from nearlift.report.evidence import Evidence, Part, frame, groups, lift_inf_N, 
 from nearlift.report.figures import binning, style
 from nearlift.report.figures.fig2 import references
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import FITTED, FLOOR, PAGE_IN, SERIES, Style, note, plain_text
+from nearlift.report.figures.style import FITTED, FLOOR, PAGE_IN, SERIES, note, plain_text
 from nearlift.report.findings import RankedCandidate, ranked
 from nearlift.report.phrases import along
 from nearlift.results.diagnosis import FORM_SD, BoundaryDiagnosis
@@ -274,15 +274,15 @@ def _boundary(table: pd.DataFrame, boundary: str) -> str:
     return text + "." + (f" Assumptions: {listed}." if listed else "")
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """Blocks from top to bottom, no higher than the page."""
     blocks = [pick(table, panel=b) for (b,) in groups(table, "panel")]
     lines = [_lines(block) for block in blocks]
     # a candidate of two effects takes two lines
     pairs = [sum("+" in name for name in pick(b, part="candidate")["label"]) for b in blocks]
     heights = [1.72 if len(of) == 1 else 3.15 + 0.1 * n for of, n in zip(lines, pairs, strict=True)]
-    height = min(look.double_in / 6.75 * sum(heights), PAGE_IN)
-    figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    height = min(style.DOUBLE_IN / 6.75 * sum(heights), PAGE_IN)
+    figure = Figure(figsize=(style.DOUBLE_IN, height), layout="constrained")
     layout: Any = figure.get_layout_engine()
     layout.set(w_pad=0.06, h_pad=0.03, hspace=0.03, wspace=0.03)
     parts = figure.subfigures(len(blocks), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -293,7 +293,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
             f"{verdict['panel'].capitalize()}. {verdict['kind'].capitalize()}: {headline}",
             x=0.008, ha="left", fontsize=style.TEXT_PT + 0.5, fontweight="bold",
         )  # fmt: skip
-        _block(part, block, panels, (1.0, 1.05 + 0.065 * n), look)
+        _block(part, block, panels, (1.0, 1.05 + 0.065 * n))
     return figure
 
 
@@ -313,7 +313,6 @@ def _block(
     block: pd.DataFrame,
     lines: list[list[tuple[str, str]]],
     ratios: tuple[float, float],
-    look: Style,
 ) -> None:
     several = pick(block, part="coefficient")["label"].nunique() > 1
     wide = {"residual": 1.6, "candidate": 1.7, "error": 0.9, "coefficient": 2 if several else 1.25}
@@ -330,7 +329,7 @@ def _block(
             else:
                 ax = part.add_subplot(place, sharey=first if kind == "residual" else None)
             if kind == "residual":
-                _draw_residual(ax, rows, look, labelled=first is None)
+                _draw_residual(ax, rows, labelled=first is None)
                 first = first or ax
                 title = f"residual {rows['when'].iloc[0]}" if effect else "residual"
             elif kind == "candidate":
@@ -343,12 +342,11 @@ def _block(
             ax.set_title(f"{letter}) {title}", pad=3)
 
 
-def _draw_residual(ax: Axes, rows: pd.DataFrame, look: Style, labelled: bool) -> None:
+def _draw_residual(ax: Axes, rows: pd.DataFrame, labelled: bool) -> None:
     """Cloud, means over bins with their standard error, the noise floor as a shade; trials beyond
     the axis as ticks at its edge.
     """
     covariate, when, second = rows[["covariate", "when", "note"]].iloc[0]
-    rows = rows.assign(x=binning.shown_x(covariate, rows["x"], look))
     cloud, means = pick(rows, kind="trial"), pick(rows, kind="bin")
     floor = float(pick(rows, kind="floor")["value"].iloc[0])
     size = cloud["value"].abs()
@@ -380,7 +378,7 @@ def _draw_residual(ax: Axes, rows: pd.DataFrame, look: Style, labelled: bool) ->
             markeredgecolor="white", markeredgewidth=0.3, label=plain_text(name),
         )  # fmt: skip
     ax.set_ylim(-reach, reach)
-    binning.abscissa(ax, covariate, np.unique(means["x"]).tolist(), look)
+    binning.abscissa(ax, covariate, np.unique(means["x"]).tolist())
     if not lone:
         ax.legend(
             title="throttle" if second == "throttle_percent" else None, ncols=len(names),

@@ -15,7 +15,7 @@ from nearlift.report.evidence import Evidence, Part, frame, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.flow_panels import origin
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import REFERENCES, SERIES, Style
+from nearlift.report.figures.style import REFERENCES, SERIES
 from nearlift.stages.fit import FIT
 from nearlift.stages.flow import DOWNWASH, FLOW
 
@@ -100,12 +100,10 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """A panel for each boundary."""
     panels = list(table["panel"].unique())
-    factor, label = look.distance
-    table = table.assign(z_hat=factor * table["z_hat"])
-    figure, axes = style.canvas(look, 1, len(panels), 2.4 * look.double_in / 6.75)
+    figure, axes = style.canvas(1, len(panels), 2.4 * style.DOUBLE_IN / 6.75)
     style.title(axes[0], panels)
     for panel, ax in zip(panels, axes[0], strict=True):
         style.zero(ax)
@@ -124,7 +122,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
         for (grey, dashes), name in zip(REFERENCES, curves["label"].unique(), strict=False):
             curve = pick(curves, label=name)
             ax.plot(curve.z_hat, curve.reduction_percent, color=grey, linestyle=dashes, label=name)
-        style.log_distance(ax, f"distance {label}")
+        style.log_distance(ax, f"distance {style.Z_HAT}")
         ax.legend(loc="upper right")
     axes[0, 0].set_ylabel("reduction of downwash (%)")
     return figure

@@ -19,7 +19,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from nearlift import catalogue, units
+from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray
 from nearlift.nomenclature import INDEXED
@@ -27,7 +27,7 @@ from nearlift.report import curves
 from nearlift.report.evidence import Evidence, Part, frame, groups, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import FITTED, SERIES, Style, plain_text
+from nearlift.report.figures.style import FITTED, SERIES, plain_text
 from nearlift.report.phrases import coefficient_text, coverage, listed
 from nearlift.rounding import plain
 from nearlift.stages.fit import FIT, POSTERIOR
@@ -48,7 +48,6 @@ SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattan
 WIDEST = 22
 #: About zero: how well L_inf is known.
 UNSURE = "#CFE3F3"
-OVERLAYS = ("x", "+", "1", "2", "*")
 #: Size in points of each series' symbols: throttles often coincide, and all stay visible.
 NESTED_PT = (4.2, 3.7, 3.2, 2.7, 2.2, 1.9)
 
@@ -87,11 +86,9 @@ REFERENCES = (
 
 
 def force_unit(evidence: Evidence) -> tuple[float, str]:
-    """Factor from newtons, and the unit, that the manifest asks for or that suit this vehicle."""
-    unit: str = evidence.campaign.report.units.force
-    if unit == "auto":
-        unit = "N" if float(np.max(evidence.table(LIFT)["lift_N"])) > MILLI_BELOW_N else "mN"
-    return 1.0 / units.to_si(unit, "force", "report.units.force")[0], unit
+    """Factor from newtons, and the unit, that suit this vehicle."""
+    large = float(np.max(evidence.table(LIFT)["lift_N"])) > MILLI_BELOW_N
+    return (1.0, "N") if large else (1e3, "mN")
 
 
 def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
@@ -105,7 +102,7 @@ def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
 def table(evidence: Evidence) -> pd.DataFrame:
     """Everything that is drawn, a row each.
 
-    `kind` is data, band (the curve with its ends), model, least squares, overlay or L_inf. Rows of
+    `kind` is data, band (the curve with its ends), model, least squares or L_inf. Rows of
     L_inf are the ends of the band of its uncertainty, without a Delta L. `above_fit_percent` is
     Delta L less the curve's; `u_delta_L_percent` one standard uncertainty.
     """
@@ -150,10 +147,6 @@ def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
     if apart > VISIBLE * (np.nanmax(cells.delta_L) - np.nanmin(cells.delta_L)):
         label = f"{short}, least squares"
         parts.append(part("least squares", label, z_hat, curve.least_squares))
-    for overlay, points in evidence.overlays:
-        if overlay.boundary == boundary:
-            u = {"u_delta_L_percent": 100 * points["u"]}
-            parts.append(part("overlay", overlay.label, points["z_hat"], points["delta_L"], **u))
     level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * cells.u_L_inf}
     return [*parts, {"kind": "L_inf", "z_hat": z_hat[[0, -1]], **level}]
 
@@ -217,18 +210,12 @@ def fit_note(evidence: Evidence, boundary: Boundary) -> str:
     return f"{text} u(L∞) = {u} % from scatter."
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """A column for each boundary: Delta L above, the same less the curve below."""
     panels = list(table["panel"].unique())
-    factor, label = look.distance
-    table = table.assign(z_hat=factor * table["z_hat"])
     share = {1: 1.2, 2: 0.66}.get(len(panels), 0.56)
-    height = share * (look.single_in if len(panels) == 1 else look.double_in)
-    overlaid, columns = (table["kind"] == "overlay").any(), 2 if len(panels) == 1 else 1
-    if overlaid:
-        named = table[table["kind"] != "data"]
-        height += 0.14 * named.groupby("panel")["label"].nunique().max() / columns
-    figure, axes = style.canvas(look, 2, len(panels), height, sharex="col", height_ratios=(2.6, 1))
+    height = share * (style.SINGLE_IN if len(panels) == 1 else style.DOUBLE_IN)
+    figure, axes = style.canvas(2, len(panels), height, sharex="col", height_ratios=(2.6, 1))
     throttles = np.unique(table[table["kind"] == "data"]["throttle_fraction"])
     shade = None
     if len(throttles) > len(SERIES):
@@ -238,15 +225,12 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
     for boundary, (ax, below) in zip(panels, axes.T, strict=True):
         rows = pick(table, panel=boundary)
         handles = _lines(ax, rows, "delta_L_percent", throttles, shade)
-        legend: Part = {"loc": "lower right" if boundary == "sidewall" else "upper right"}
-        if overlaid:
-            # measurements of others may lie anywhere: the legend lies below
-            legend = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.42), "ncols": columns}
-        (below if overlaid else ax).legend(list(handles.values()), list(handles), **legend)
+        place = "lower right" if boundary == "sidewall" else "upper right"
+        ax.legend(list(handles.values()), list(handles), loc=place)
         _lines(below, rows, "above_fit_percent", throttles, shade)
         corrected = next((t for t in rows["corrected_for"] if t), "")
         titles.append(boundary + (f", corrected for {plain_text(corrected)}" if corrected else ""))
-        style.log_distance(below, f"distance {label}")
+        style.log_distance(below, f"distance {style.Z_HAT}")
     style.title(axes[0], titles)
     axes[0, 0].set_ylabel(r"$\Delta L$ (%)")
     axes[1, 0].set_ylabel(r"$\Delta L -$ fit (%)")
@@ -283,9 +267,6 @@ def _lines(
             series, mark = (shade.to_rgba(100 * throttle), "o"), {"markersize": 2.2, "alpha": 0.7}
         style.bars(ax, mine.z_hat, mine[y], mine.u_delta_L_percent, series, zorder=4, **mark)
     handles: Part = {}
-    for marker, (label, mine) in zip(OVERLAYS, _labelled(rows, "overlay"), strict=False):
-        u = mine.u_delta_L_percent
-        handles[label] = style.bars(ax, mine.z_hat, mine[y], u, ("0.25", marker), zorder=2)
     # theory, and the band of a fit that determines little, may leave the panel
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
     name = _label(curve["label"].iloc[0])

@@ -18,7 +18,7 @@ from nearlift.report.evidence import Evidence, frame, pick
 from nearlift.report.figures import flow_panels, style
 from nearlift.report.figures.flow_panels import cut, manifest, profile_rows
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style
+from nearlift.report.figures.style import SERIES
 from nearlift.rounding import fixed, plain
 from nearlift.stages.flow import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 
@@ -81,15 +81,15 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join([text, *reduced])
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """One colour scale for all fields, one velocity axis for all cross-sections."""
     names = list(table["panel"].unique())
     (x0, x1), (y0, y1) = flow_panels.limits(table)
     n = len(names)
-    width = look.double_in if n > 1 else look.single_in
+    width = style.DOUBLE_IN if n > 1 else style.SINGLE_IN
     height = 1.45 * (width - 0.9) / n * (y1 - y0) / (x1 - x0) + 1.05
     figure, axes = style.canvas(
-        look, 2, n, height, width, sharex=True, sharey="row", height_ratios=(1.0, 0.5)
+        2, n, height, width, sharex=True, sharey="row", height_ratios=(1.0, 0.5)
     )
     labels = [pick(table, panel=name, kind="node")["label"].iloc[0] for name in names]
     style.title(axes.flat, [*labels, *["along the cut"] * n])

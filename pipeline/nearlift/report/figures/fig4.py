@@ -18,7 +18,6 @@ from nearlift.report.evidence import Evidence, frame, groups, pick
 from nearlift.report.figures import flow_panels, style
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import Style
 from nearlift.stages.flow import FLOW, FLOW_FIELDS
 
 #: Cases with a smaller tilt are untilted, rad.
@@ -64,14 +63,14 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """Panels in the order of the table, broken into rows where the boundary changes."""
     panels = groups(pick(table, kind="node"), "panel", "label")
     lines = [
         [panel for panel in panels if panel[1].startswith(boundary)]
         for boundary in dict.fromkeys(label.split(",")[0] for _, label in panels)
     ]
-    figure, axes = flow_panels.sheet(table, look, len(lines), max(map(len, lines)))
+    figure, axes = flow_panels.sheet(table, len(lines), max(map(len, lines)))
     used = [ax for line, places in zip(lines, axes, strict=True) for ax in places[: len(line)]]
     style.title(used, [label for _, label in panels])
     for line, places in zip(lines, axes, strict=True):

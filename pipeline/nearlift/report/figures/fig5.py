@@ -18,7 +18,6 @@ from nearlift.report.figures import flow_panels, style
 from nearlift.report.figures.fig4 import LEVEL_RAD
 from nearlift.report.figures.flow_panels import ZONE, field_rows, manifest, origin
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import Style
 from nearlift.rounding import fixed
 from nearlift.stages.flow import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 
@@ -69,11 +68,11 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     )
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """One colour scale for all panels."""
     panels = groups(pick(table, kind="node"), "panel", "label")
     across = min(ACROSS, len(panels))
-    figure, axes = flow_panels.sheet(table, look, -(-len(panels) // across), across, 0.7)
+    figure, axes = flow_panels.sheet(table, -(-len(panels) // across), across, 0.7)
     style.title(axes.flat, [label for _, label in panels])
     norm: Any = flow_panels.highest(table)
     shade: Any = None

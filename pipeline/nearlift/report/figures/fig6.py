@@ -18,7 +18,7 @@ from nearlift.declare import Boundary
 from nearlift.report.evidence import Evidence, Part, frame, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, plain_text
+from nearlift.report.figures.style import SERIES, plain_text
 from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
 
 SIDES: tuple[Boundary, ...] = ("ground", "ceiling")
@@ -114,12 +114,12 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """A row of panels for the flights and one for each preset that was flown."""
     rows = [r for r in TITLES if (table["row"] == r).any()]
     sides = list(table["panel"].unique())
-    height = look.double_in * 0.33 * len(rows) + 0.25
-    figure, axes = style.canvas(look, len(rows), len(sides), height, look.double_in)
+    height = style.DOUBLE_IN * 0.33 * len(rows) + 0.25
+    figure, axes = style.canvas(len(rows), len(sides), height, style.DOUBLE_IN)
     titles = []
     exponents = sorted(pick(table, kind="crash")["exponent"].unique())
     powers = [e for e in exponents if e not in (0, 1)]

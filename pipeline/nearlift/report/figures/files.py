@@ -15,9 +15,9 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 from PIL import Image
 
 from nearlift.report.figures import style
-from nearlift.report.figures.style import DPI, Style
+from nearlift.report.figures.style import DPI
 
-Draw = Callable[[pd.DataFrame, Style], Figure]
+Draw = Callable[[pd.DataFrame], Figure]
 #: Intervals between the ticks of an axis, at most.
 TICKS = 5
 #: Decimals of positions, as fractions of a figure. The layout's solver depends on the order of sets
@@ -27,17 +27,19 @@ DECIMALS = 4
 METADATA = {"CreationDate": None, "Producer": None, "Creator": None}
 
 
-def drawn(draw: Draw, table: pd.DataFrame, look: Style) -> Figure:
-    """The figure as the report shows it, with its layout engine on."""
+def drawn(draw: Draw, table: pd.DataFrame, simulated: bool = False) -> Figure:
+    """The figure as the report shows it, with its layout engine on; marked where its records are
+    simulated.
+    """
     with style.context():
-        figure = draw(table, look)
+        figure = draw(table)
         for ax in figure.axes:
             # the layout would place all ticks again for each side of a frame, which is the panel's
             ax.spines[:].set_in_layout(False)
             for axis in (ax.xaxis, ax.yaxis):
                 if isinstance(axis.get_major_locator(), AutoLocator):
                     axis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]))
-        if look.simulated:
+        if simulated:
             _mark(figure)
         return figure
 
@@ -54,13 +56,13 @@ def _mark(figure: Figure) -> None:
     )  # fmt: skip
 
 
-def render(draw: Draw, table: pd.DataFrame, look: Style) -> dict[str, bytes]:
+def render(draw: Draw, table: pd.DataFrame, simulated: bool = False) -> dict[str, bytes]:
     """Draw a figure and save it: ``{"pdf": ..., "png": ...}``.
 
     The layout is solved once, with the letters of the PNG, and serves both files.
     """
     with style.context():
-        figure = drawn(draw, table, look)
+        figure = drawn(draw, table, simulated)
         figure.set_dpi(DPI)
         canvas: Any = FigureCanvasAgg(figure)
         settle(figure)

@@ -22,7 +22,7 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.field import Scene
 from nearlift.report.evidence import Evidence, Part, pick
 from nearlift.report.figures import style
-from nearlift.report.figures.style import SERIES, Style
+from nearlift.report.figures.style import SERIES
 from nearlift.rounding import fixed
 from nearlift.stages.flow import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 
@@ -140,18 +140,14 @@ def limits(table: pd.DataFrame) -> tuple[tuple[float, float], tuple[float, float
     return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
 
 
-def sheet(
-    table: pd.DataFrame, look: Style, down: int, across: int, more_in: float = 0.35
-) -> tuple[Figure, Any]:
+def sheet(table: pd.DataFrame, down: int, across: int, more_in: float = 0.35) -> tuple[Figure, Any]:
     """Panels in rows and columns over the whole width, all with the same limits; the axes that they
     share are labelled at its edges.
     """
     (x0, x1), (y0, y1) = limits(table)
-    tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
+    tall = (style.DOUBLE_IN - 0.95) / across * (y1 - y0) / (x1 - x0)
     height = down * (tall + 0.25) + more_in
-    figure, axes = style.canvas(
-        look, down, across, height, look.double_in, sharex=True, sharey=True
-    )
+    figure, axes = style.canvas(down, across, height, style.DOUBLE_IN, sharex=True, sharey=True)
     axes[0, 0].set(xlim=(x0, x1), ylim=(y0, y1))
     for ax in axes[:, 0]:
         ax.set_ylabel(Y)

@@ -13,14 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.likelihood import student
 from nearlift.nomenclature import VERDICTS
 from nearlift.report.evidence import Part, frame, groups, pick, records
 from nearlift.report.figures import style
-from nearlift.report.figures.style import BAND, SERIES, Style
+from nearlift.report.figures.style import BAND, SERIES
 from nearlift.results.comparison import CampaignComparison
 from nearlift.results.estimate import Estimate
-from nearlift.rounding import like
 
 COLUMNS = (
     *("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict"),
@@ -47,34 +45,14 @@ def table(comparison: CampaignComparison) -> pd.DataFrame:
     return frame(parts, COLUMNS)
 
 
-def interval(value: float, low: float, high: float) -> str:
-    """``2.00 (1.84 to 2.16)``: a value and its 90 % interval."""
-    u = (high - low) / (2 * student.NORMAL_90)
-    return f"{like(value, u)} ({like(low, u)} to {like(high, u)})"
-
-
-def caption(table: pd.DataFrame) -> str:
-    """Caption, with counts."""
-    campaigns = pick(table, kind="campaign")
-    n = campaigns["label"].nunique()
-    parts = [f"Headline coefficients of {n} campaign{'s' if n != 1 else ''}, with 90 % intervals."]
-    if (campaigns["verdict"] == "unexplained").any():
-        parts.append("Open symbols: unexplained structure.")
-    if (table["kind"] == "population").any():
-        parts.append(
-            "Diamond and band: the population's mean. Dashed: prediction for a further campaign."
-        )
-    return " ".join(parts)
-
-
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """Campaigns from top to bottom in the order given."""
     keys = groups(table, "panel", "coefficient", "unit")
     panels = [pick(table, panel=b, coefficient=c) for b, c, _ in keys]
     lines = [len(rows) for rows in panels]
     height = 0.17 * (sum(lines) + 3.2 * len(panels)) + 0.3
     figure, axes = style.canvas(
-        look, len(panels), 1, height, 1.25 * look.single_in, height_ratios=[n + 1.5 for n in lines]
+        len(panels), 1, height, 1.25 * style.SINGLE_IN, height_ratios=[n + 1.5 for n in lines]
     )
     for ax, (boundary, coefficient, unit), rows in zip(axes[:, 0], keys, panels, strict=True):
         _panel(ax, rows)

@@ -22,9 +22,9 @@ from nearlift.reduction.quality import rejected
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, Part, frame, pick
 from nearlift.report.figures import style
-from nearlift.report.figures.binning import abscissa, bins, columns, means, shown_x
+from nearlift.report.figures.binning import abscissa, bins, columns, means
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style
+from nearlift.report.figures.style import SERIES
 from nearlift.stages.diagnose import LOOP_RESIDUALS
 from nearlift.stages.fit import FIT
 from nearlift.stages.ingest import TRIALS
@@ -137,15 +137,15 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """A panel for every boundary and covariate, all with one residual axis per boundary."""
     boundaries, covariates = (list(table[name].unique()) for name in ("panel", "covariate"))
     several = len(boundaries) > 1
     cells = [(boundary, covariate) for covariate in covariates for boundary in boundaries]
     across = len(boundaries) if several else ACROSS
     down = -(-len(cells) // across)
-    height = 1.3 * look.double_in / 6.75 * down + 0.5
-    figure, axes = style.canvas(look, down, across, height, sharey="col" if several else True)
+    height = 1.3 * style.DOUBLE_IN / 6.75 * down + 0.5
+    figure, axes = style.canvas(down, across, height, sharey="col" if several else True)
     for ax in axes.flat[len(cells) :]:
         ax.set_axis_off()
     drawn = table[table["kind"] != "noise"]
@@ -156,7 +156,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
         if not len(rows):
             ax.set_axis_off()
             continue
-        _draw_panel(ax, rows.assign(x=shown_x(covariate, rows["x"], look)), covariate, look)
+        _draw_panel(ax, rows, covariate)
         ax.set_ylim(-limits[boundary], limits[boundary])
     if several:
         style.title(axes[0], boundaries)
@@ -175,7 +175,7 @@ def draw(table: pd.DataFrame, look: Style) -> Figure:
     return figure
 
 
-def _draw_panel(ax: Axes, rows: pd.DataFrame, covariate: str, look: Style) -> None:
+def _draw_panel(ax: Axes, rows: pd.DataFrame, covariate: str) -> None:
     trials, expected = pick(rows, kind="trial"), pick(rows, kind="noise")
     sigma = expected["u_residual_percent"]
     style.band(ax, expected.x, -sigma, sigma, style.FLOOR, step="mid", zorder=0)
@@ -187,7 +187,7 @@ def _draw_panel(ax: Axes, rows: pd.DataFrame, covariate: str, look: Style) -> No
             ax, mine.x, mine.residual_percent, mine.u_residual_percent, LOOKS[kind],
             markersize=size, markerfacecolor=inside, markeredgecolor=edge,
         )  # fmt: skip
-    abscissa(ax, covariate, pick(rows, kind="bin")["x"].tolist(), look)
+    abscissa(ax, covariate, pick(rows, kind="bin")["x"].tolist())
 
 
 FIGURE = FigureSpec(

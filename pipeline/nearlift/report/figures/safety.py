@@ -17,7 +17,7 @@ from nearlift.report.evidence import Evidence, Part, frame, pick, records
 from nearlift.report.figures import style
 from nearlift.report.figures.fig6 import COST_COLOUR, SIDES, rate_axes
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, plain_text
+from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, plain_text
 from nearlift.stages.simulate import CRASH_RATES, SAFETY
 
 if TYPE_CHECKING:
@@ -118,11 +118,11 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     return " ".join(parts)
 
 
-def draw(table: pd.DataFrame, look: Style) -> Figure:
+def draw(table: pd.DataFrame) -> Figure:
     """Two panels for each boundary."""
     sides = list(table["panel"].unique())
-    width = look.double_in if len(sides) > 1 else look.single_in * 1.3
-    figure, axes = style.canvas(look, 2, len(sides), 0.72 * look.double_in, width)
+    width = style.DOUBLE_IN if len(sides) > 1 else style.SINGLE_IN * 1.3
+    figure, axes = style.canvas(2, len(sides), 0.72 * style.DOUBLE_IN, width)
     models = table[table["kind"] == "model"].drop_duplicates("panel")["label"]
     names = [f"{side}, {plain_text(m)}" for side, m in zip(sides, models, strict=True)]
     style.title(axes.flat, [*names, *names])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import string
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -15,13 +14,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from nearlift import nomenclature
-from nearlift.campaign.manifest import Campaign
 from nearlift.catalogue import titled
 from nearlift.errors import UsageError
 from nearlift.report.phrases import along
 
-#: Metres per inch.
-INCH_M = 0.0254
+#: Width of one column and of the full text, in inches.
+SINGLE_IN, DOUBLE_IN = 3.25, 6.75
+#: Label of an axis of distance over rotor radius.
+Z_HAT = r"$\hat{z}$"
 #: Dots per inch of a PNG, and of what is a raster in a PDF.
 DPI = 200
 #: Height of a page in inches; type in points.
@@ -83,42 +83,6 @@ FLOOR = "0.88"
 CLOUD = 3000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Style:
-    """Choices of a manifest for figures.
-
-    Attributes
-    ----------
-    single_in, double_in : float
-        Width of one column and of the full text, in inches.
-    radius_mm : float or None
-        Rotor radius; if given, distances are shown in millimetres.
-    simulated : bool
-        Whether each figure is marked as one of simulated records.
-    """
-
-    single_in: float = 3.25
-    double_in: float = 6.75
-    radius_mm: float | None = None
-    simulated: bool = False
-
-    @property
-    def distance(self) -> tuple[float, str]:
-        """Factor from distance over rotor radius to what is shown, and the label of its axis."""
-        return (1.0, r"$\hat{z}$") if self.radius_mm is None else (self.radius_mm, "$z$ (mm)")
-
-
-def style_of(campaign: Campaign) -> Style:
-    """The style that a manifest asks for."""
-    report = campaign.report
-    return Style(
-        single_in=report.column_width / INCH_M,
-        double_in=report.full_width / INCH_M,
-        radius_mm=1e3 * campaign.vehicle.rotor_radius if report.units.distance == "mm" else None,
-        simulated=campaign.simulated,
-    )
-
-
 @contextmanager
 def context() -> Iterator[None]:
     """Draw with these settings of matplotlib alone, and put the user's back afterwards."""
@@ -130,13 +94,13 @@ def context() -> Iterator[None]:
 
 
 def canvas(
-    look: Style, down: int, across: int, height_in: float, width_in: float = 0.0, **more: Any
+    down: int, across: int, height_in: float, width_in: float = 0.0, **more: Any
 ) -> tuple[Figure, Any]:
     """A figure of rows and columns of panels, and its axes.
 
     It is one column wide if it has one panel across, and no higher than a page.
     """
-    width = width_in or (look.single_in if across == 1 else look.double_in)
+    width = width_in or (SINGLE_IN if across == 1 else DOUBLE_IN)
     figure = Figure(figsize=(width, min(height_in, PAGE_IN)), layout="constrained")
     return figure, figure.subplots(down, across, squeeze=False, **more)
 
