@@ -88,10 +88,10 @@ def test_the_whole_page_with_flow_and_flights_is_light_silent_and_asks_for_nothi
     assert file.stat().st_size < 4_000_000
     page.open(file.as_uri())
     assert page.run("document.documentElement.dataset.charts") == "drawn"
-    for chapter in ("fig2", "residuals", "flow", "safety", "proximity"):
+    for chapter in ("fig2", "residuals", "flow", "safety"):
         unfold(page, chapter)
     assert page.run(
-        "['fig2', 'residuals', 'flow', 'safety', 'proximity'].every(id =>"
+        "['fig2', 'residuals', 'flow', 'safety'].every(id =>"
         " document.getElementById(id).querySelector('img, svg'))"
     )
     assert page.errors == []
