@@ -201,14 +201,10 @@ def test_tilt_brings_one_end_of_the_cut_nearer():
     )
 
 
-def test_a_single_mean_field_takes_the_software_s_uncertainty_or_says_that_there_is_none():
+def test_a_single_mean_field_says_that_its_noise_is_unknown():
     one = next(iter(fields(CONTROL, camera(outliers=0, dropouts=0), 1, 0, "one")))
     series = along_cut(one.vy_m_s, one.y_m, CUT.below_m)[None]
     assert measure(average([one]), series, CUT, scene()).warnings == ("no_scatter",)
-    known = dataclasses.replace(one, u_m_s=np.full(one.shape, 0.2))
-    found = measure(average([known]), series, CUT, scene())
-    nodes = (span_weights(X, ROTORS, R) ** 2).sum()
-    assert found.u_noise == pytest.approx(0.2 * math.sqrt(nodes), rel=0.01)
 
 
 def test_reduction_shares_what_case_and_control_share():

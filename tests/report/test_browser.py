@@ -5,24 +5,19 @@ switching and keys do what they say.
 from __future__ import annotations
 
 import io
-import json
 import re
-import time
 
-import numpy as np
 import pytest
 from PIL import Image
 from tests.unit.browser import CHROMIUM, browser
 
-from nearlift.report.figures import residuals
+from nearlift.report import charts
 from nearlift.report.page import render
-from nearlift.report.registry import charts
 from nearlift.stages.gathering import gather
 from nearlift.stages.reduce import LIFT
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
-FIG2, RESIDUALS = "[data-chart=fig2]", "[data-chart=residuals]"
-MEAN = r"mean of (\d+) trials: residual (\S+) ± (\S+) %"
+FIG2 = "[data-chart=fig2]"
 HOSTILE = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
 
@@ -45,7 +40,7 @@ def address(job):
         render.Picture(name=n, title="t", caption="c", alt=f"{n} in words", png=dot.getvalue())
         for n in ("fig2", "residuals")
     ]
-    file.write_bytes(render.page(evidence, pictures, charts=charts(evidence)))
+    file.write_bytes(render.page(evidence, pictures, chart=charts.fig2(evidence)))
     return file.as_uri()
 
 
@@ -56,12 +51,9 @@ def page(tmp_path_factory):
 
 
 def unfold(page, chapter):
-    """Open a chapter as its link does, and wait until what is in it is drawn."""
+    """Open a chapter as its link does."""
     page.run(f"location.hash = ''; location.hash = '{chapter}'")
-    page.wait(
-        f"[...document.querySelectorAll('#{chapter} .view')].every(v => v.querySelector('svg.marks')"
-        " && v.querySelector('svg.marks').getBoundingClientRect().width > 100)"
-    )
+    page.wait(f"document.querySelector('#{chapter} details').open")
 
 
 def marks(page, view):
@@ -147,57 +139,6 @@ def test_arrow_keys_go_from_point_to_point(page, address):
         )
         == ""
     )
-
-
-def residual_marks(page, kind, view="ground"):
-    return page.run(
-        f"document.querySelectorAll('{RESIDUALS} [data-view={view}]"
-        f" [aria-roledescription={kind}]').length"
-    )
-
-
-def choose(page, covariate):
-    """Draw residuals against that covariate."""
-    page.run(f"""(s => {{ s.value = [...s.options].find(o => o.textContent === {json.dumps(covariate)}).value;
-        s.dispatchEvent(new Event('change', {{bubbles: true}})); s.dispatchEvent(new Event('input', {{bubbles: true}}));
-    }})(document.querySelector('{RESIDUALS} [data-view=ground] select'))""")
-    time.sleep(0.5)
-
-
-def test_residuals_are_every_trial_and_the_means_of_the_printed_figure(page, address, job):
-    """Against distance, supply and approach: as many means as the figure's table has."""
-    page.open(address)
-    unfold(page, "residuals")
-    table = residuals.table(gather(job), every=True)
-    for covariate, word in (
-        ("supply_V", "supply (V)"),
-        ("approach", "approach"),
-        ("z_hat", "distance ẑ"),
-    ):
-        choose(page, word)
-        mine = (table["panel"] == "ground") & (table["covariate"] == covariate)
-        assert residual_marks(page, "trial") == (mine & (table["kind"] == "trial")).sum()
-        means = mine & (table["kind"] == "bin")
-        words = page.run(
-            f"[...document.querySelectorAll('{RESIDUALS} [data-view=ground]"
-            " [aria-roledescription=mean]')].map(e => e.getAttribute('aria-label'))"
-        )
-        assert len(words) == means.sum()
-        shown = sorted(
-            (int(n), float(mean.replace("−", "-")), float(error))
-            for n, mean, error in (re.search(MEAN, w).groups() for w in words)
-        )
-        wanted = sorted(
-            zip(
-                *(
-                    table[k][means].tolist()
-                    for k in ("n_trials", "residual_percent", "u_residual_percent")
-                ),
-                strict=True,
-            )
-        )
-        np.testing.assert_allclose(shown, wanted, atol=6e-4)
-    assert page.errors == []
 
 
 def test_text_from_files_stays_text(page, address):

@@ -137,8 +137,7 @@ def test_links_lead_somewhere(made):
 def test_pictures_are_described_with_numbers(made):
     _, _, text = made
     pictures = Elements(text).every("img")
-    # of residuals there is the chart, which paper shows too
-    assert len(pictures) == len(DRAWN) - 1
+    assert len(pictures) == len(DRAWN)
     assert all(len(a["alt"]) > 100 and re.search(r"\d", a["alt"]) for a in pictures)
     assert any("ground: " in a["alt"] for a in pictures)
 

@@ -25,8 +25,8 @@ def test_residuals_are_those_of_the_fit(evidence, boundary):
 
 
 def test_bins_hold_every_accepted_trial_once_and_their_means_are_right(evidence):
-    table = residuals.table(evidence, every=True)
-    mine = pick(table, panel="ground", covariate="supply_V")
+    table = residuals.table(evidence)
+    mine = pick(table, panel="ground", covariate="run_order")
     trials, means = pick(mine, kind="trial"), pick(mine, kind="bin")
     assert means["n_trials"].sum() == len(trials)
     weighted = np.average(means["residual_percent"], weights=means["n_trials"])

@@ -28,8 +28,7 @@ class Average:
 
     `variance` (2, ny, nx) is that of one field's vx and vy in (m/s)^2, nan where fewer than two
     fields have a vector. `count` (ny, nx) is the number of fields with a vector there. `tau` is the
-    number of fields per independent one, 1 if they are independent. `mean.u_m_s` is the correlating
-    software's own uncertainty of a mean vector, where it gave one.
+    number of fields per independent one, 1 if they are independent.
     """
 
     mean: VelocityField
@@ -43,8 +42,6 @@ class Average:
         """Standard errors of the mean vx and vy, correlation in time included, (2, ny, nx)."""
         with np.errstate(invalid="ignore", divide="ignore"):
             error = np.sqrt(self.variance * self.tau / self.count)
-        if self.mean.u_m_s is not None:
-            error = np.where(np.isfinite(error), error, self.mean.u_m_s)
         return np.where(self.mean.valid, error, np.nan)
 
 
@@ -138,7 +135,7 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
     if first is None:
         raise InputRefused(where, "holds no field", "check the pattern of files")
     size, shape = first.vx_m_s.size, first.shape
-    moments, noise = Moments(2 * size), Moments(size)
+    moments = Moments(2 * size)
     sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
     sampled: list[FloatArray] = []
     for n, field in enumerate(chain([first], stream), 1):
@@ -149,15 +146,9 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
         vectors = np.where(field.valid, [field.vx_m_s, field.vy_m_s], np.nan).ravel()
         moments.add(vectors)
         sampled.append(vectors[sample])
-        if field.u_m_s is not None:
-            noise.add(np.where(field.valid, field.u_m_s, np.nan).ravel() ** 2)
     vx, vy = moments.mean().reshape(2, *shape)
-    u_m_s = None
-    if noise.count.any():
-        with np.errstate(invalid="ignore", divide="ignore"):
-            u_m_s = np.sqrt(noise.mean() / noise.count).reshape(shape)
     return Average(
-        mean=VelocityField(x_m=first.x_m, y_m=first.y_m, vx_m_s=vx, vy_m_s=vy, u_m_s=u_m_s),
+        mean=VelocityField(x_m=first.x_m, y_m=first.y_m, vx_m_s=vx, vy_m_s=vy),
         variance=moments.variance().reshape(2, *shape),
         count=moments.count[:size].reshape(shape),
         n=len(sampled),

@@ -49,7 +49,7 @@ WARNINGS = {
         "the cut is in the wake: below a ceiling its speed does not follow the inflow at the disk"
     ),
     "partly_covered": "a tenth or more of the cut has no vectors",
-    "no_scatter": "one field and no uncertainty in it: noise is unknown",
+    "no_scatter": "one field: noise is unknown",
 }
 #: Warnings under which a cut does not measure the inflow at the disk.
 NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone", "wake")
@@ -174,7 +174,7 @@ def measure(
     profile = along_cut(mean.vy_m_s, mean.y_m, cut.below_m)
     value, covered = over_span(profile, weights)
     inside = np.isfinite(profile) & (weights > 0)
-    u_noise, n_eff = _noise(average, series, profile, weights, cut)
+    u_noise, n_eff = _noise(series, profile, weights)
     spread = float(np.std(profile[inside])) if covered > 0 else math.nan
 
     def half_change(name: str) -> float:
@@ -215,9 +215,7 @@ def measure(
     )
 
 
-def _noise(
-    average: Average, series: FloatArray, profile: FloatArray, weights: FloatArray, cut: Cut
-) -> tuple[float, float]:
+def _noise(series: FloatArray, profile: FloatArray, weights: FloatArray) -> tuple[float, float]:
     """Standard error of the span's mean and the independent fields behind it."""
     known = np.isfinite(profile) & (weights > 0)
     if not known.any():
@@ -225,10 +223,7 @@ def _noise(
     share = weights[known] / weights[known].sum()
     n = len(series)
     if n < 2:
-        if average.mean.u_m_s is None:
-            return math.nan, 1.0
-        u_nodes = along_cut(average.mean.u_m_s, average.mean.y_m, cut.below_m)[known]
-        return float(np.sqrt(np.nansum((share * u_nodes) ** 2))), 1.0
+        return math.nan, 1.0
     # a vector that is missing in one field counts as that node's mean there, and the scatter is
     # that of those present
     away = series[:, known] - profile[known]

@@ -47,15 +47,12 @@ class VelocityField:
         Ascending, evenly spaced.
     vx_m_s, vy_m_s : (ny, nx)
         Velocity components along x and y; nan where there is no vector.
-    u_m_s : (ny, nx) or None
-        Standard uncertainty of a component, where the correlating software gave one.
     """
 
     x_m: FloatArray
     y_m: FloatArray
     vx_m_s: FloatArray
     vy_m_s: FloatArray
-    u_m_s: FloatArray | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -163,8 +160,7 @@ def orient(
     axes = {"x": field.x_m - origin_m[0], "y": field.y_m - origin_m[1]}
     flow = {"x": field.vx_m_s, "y": v_sign * field.vy_m_s}
     x, y = axes[right[1]], axes[thrust[1]]
-    noise = [] if field.u_m_s is None else [field.u_m_s]
-    grids = np.stack([flow[right[1]], flow[thrust[1]], *noise])
+    grids = np.stack([flow[right[1]], flow[thrust[1]]])
     if right[1] == "y":
         grids = grids.swapaxes(1, 2)
     if right[0] == "-":
@@ -173,8 +169,7 @@ def orient(
     if thrust[0] == "-":
         y, grids = -y[::-1], grids[:, ::-1]
         grids[1] = -grids[1]
-    u_m_s = grids[2] if noise else None
-    return VelocityField(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=u_m_s)
+    return VelocityField(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1])
 
 
 def masked(
@@ -204,7 +199,6 @@ def mirrored(field: VelocityField, half: Half) -> VelocityField:
         y_m=field.y_m,
         vx_m_s=sign * take_columns(field.vx_m_s, position),
         vy_m_s=take_columns(field.vy_m_s, position),
-        u_m_s=None if field.u_m_s is None else take_columns(field.u_m_s, position),
     )
 
 

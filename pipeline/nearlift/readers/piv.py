@@ -58,7 +58,7 @@ class Raw:
     """One field as a file holds it, rows (n,) in any order, and what the file states of units.
 
     v is positive along the file's y unless the manifest says otherwise. `good` marks measured
-    vectors. `noise` is the standard uncertainty of a component, in the velocity's unit.
+    vectors.
     """
 
     x: FloatArray
@@ -66,7 +66,6 @@ class Raw:
     u: FloatArray
     v: FloatArray
     good: BoolArray
-    noise: FloatArray | None = None
     stated: Setting
 
 
@@ -126,11 +125,6 @@ def _of_text(header_of: Callable[[list[str], str], Header], path: Path) -> Itera
         good = np.isfinite(table[:, names.index("s2n")])
     for name in MEASURED.keys() & {*names}:
         good &= table[:, names.index(name)] == MEASURED[name]
-    noise = [
-        np.abs(values)
-        for (name, unit), values in zip(header.columns, table.T, strict=True)
-        if name.startswith("uncertainty") and "/" in (unit or "")
-    ]
     places = {letter: _place(header, letter, path) for letter in "xyuv"}
     stated = replace(
         header.stated,
@@ -138,7 +132,7 @@ def _of_text(header_of: Callable[[list[str], str], Header], path: Path) -> Itera
         velocity_unit=header.stated.velocity_unit or header.columns[places["u"]][1],
     )
     columns = {letter: table[:, place] for letter, place in places.items()}
-    yield Raw(**columns, good=good, noise=noise[0] if noise else None, stated=stated)
+    yield Raw(**columns, good=good, stated=stated)
 
 
 def _table(path: Path, lines: Sequence[str], header: Header) -> FloatArray:
@@ -579,14 +573,12 @@ def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
         zero = len(nothing) and nothing.all()
         what = "every vector is zero" if zero else f"none of its {len(good)} vectors is valid"
         raise _refusal(where, what, "check the mask and the flags of the export")
-    noise = np.full(len(good), np.nan) if raw.noise is None else raw.noise
     columns = (
         np.where(good, per_velocity * raw.u, np.nan),
         np.where(good, per_velocity * raw.v, np.nan),
-        np.where(good & (noise > 0), abs(per_velocity) * noise, np.nan),
     )
-    x, y, (vx, vy, u) = on_grid(per_length * raw.x, per_length * raw.y, columns, where)
-    return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy, u_m_s=None if raw.noise is None else u)
+    x, y, (vx, vy) = on_grid(per_length * raw.x, per_length * raw.y, columns, where)
+    return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy)
 
 
 def _agreed(raw: Raw, setting: Setting, key: str, where: str) -> str:

@@ -1,14 +1,14 @@
-"""Charts that a reader can point at and switch: templates of Vega-Lite
-(vega.github.io/vega-lite/docs) with their data.
+"""Figure 2 to point at and switch: a template of Vega-Lite (vega.github.io/vega-lite/docs) with its
+data.
 
-Colours are properties of the page's style sheet, so that a chart follows the reader's scheme; axes
-and legends are those of the page's script.
+Colours are properties of the page's style sheet, so that the chart follows the reader's scheme;
+axes and legends are those of the page's script.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -16,52 +16,43 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from nearlift import nomenclature
 from nearlift.declare import Boundary
-from nearlift.errors import UsageError
 from nearlift.report.evidence import Evidence, pick, records
 from nearlift.report.figures import fig2 as paper
-from nearlift.report.figures import residuals as paper_residuals
 from nearlift.rounding import plain, plus_minus
 from nearlift.stages.reduce import LIFT
 
 Spec = dict[str, Any]
 #: Significant digits of what is drawn.
 DIGITS = 6
-#: More residuals than this are drawn in part, evenly in run order.
-MOST_DOTS = 1000
 #: More throttles than this share a ramp of colours, and have no legend.
 MOST_COLOURS = 6
 SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross")
 DASHES = ([1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4])
 LEGEND = {"columns": 4, "title": "throttle", "symbolStrokeWidth": 2}
-WORDS = {"throttle_percent": "throttle (%)", "run_order": "run order", "z_hat": "distance ẑ"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """Interactive form of the figure of the same name: a specification for each view. Arrow keys go
-    along the marks that are called `mark`.
-    """
+    """Interactive form of the figure of the same name: a specification for each view."""
 
     name: str
     label: str
     views: Mapping[str, Spec]
-    mark: str
 
 
-def embedded(charts: Sequence[Chart]) -> str:
+def embedded(chart: Chart | None) -> str:
     """All specifications as JSON for a page: nothing in it ends a script or begins a comment."""
-    content = {c.name: dict(c.views) for c in charts}
+    content = {chart.name: dict(chart.views)} if chart else {}
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
 
 
-def _spec(name: str, data: Mapping[str, pd.DataFrame], **values: Any) -> Spec:
-    """The template of that name, each string "$key" in it replaced by the value of that key."""
-    file = resources.files("nearlift.report.page").joinpath("templates", f"{name}.json")
+def _spec(data: Mapping[str, pd.DataFrame], **values: Any) -> Spec:
+    """The template, each string "$key" in it replaced by the value of that key."""
+    file = resources.files("nearlift.report.page").joinpath("templates", "fig2.json")
     given = {f"${key}": value for key, value in values.items()}
     given["$datasets"] = {key: _rows(table) for key, table in data.items()}
 
@@ -92,7 +83,7 @@ def fig2(evidence: Evidence) -> Chart:
     table = paper.table(evidence)
     views = {str(b): _fig2_view(evidence, table, b) for b in evidence.boundaries}
     drawn = {b: view for b, view in views.items() if view}
-    return Chart(name="fig2", label="Lift change against distance", views=drawn, mark="cell")
+    return Chart(name="fig2", label="Lift change against distance", views=drawn)
 
 
 def _fig2_view(evidence: Evidence, every: pd.DataFrame, boundary: Boundary) -> Spec:
@@ -115,7 +106,6 @@ def _fig2_view(evidence: Evidence, every: pd.DataFrame, boundary: Boundary) -> S
         "band": pick(table, kind="band")[["z_hat", "lo90_percent", "hi90_percent"]].dropna(),
     }
     return _spec(
-        "fig2",
         data,
         description=f"Lift change near the {boundary} against distance",
         within=[float(span.min()) - room, float(span.max()) + room],
@@ -155,58 +145,4 @@ def cells(evidence: Evidence, table: pd.DataFrame, boundary: Boundary) -> pd.Dat
         area=np.maximum(105 - 15 * rank, 34),
         words=[f"{boundary}, {text}" for text in words],
         **shown,
-    )
-
-
-def residuals(evidence: Evidence) -> Chart:
-    """A view for each boundary: every trial against the covariate that the reader chooses."""
-    table = paper_residuals.table(evidence, every=True)
-    views = {str(b): _residual_view(mine, str(b)) for b, mine in table.groupby("panel", sort=False)}
-    return Chart(name="residuals", label="Residuals of every trial", views=views, mark="mean")
-
-
-def word(covariate: str) -> str:
-    """A covariate with its unit, as a screen shows it."""
-    if covariate in WORDS:
-        return WORDS[covariate]
-    try:
-        unit = nomenclature.symbol(covariate).unit
-    except UsageError:
-        return covariate.replace("_", " ")
-    name = covariate.split("_")[0]
-    return name if unit in ("", "1") else f"{name} ({unit})"
-
-
-def _residual_view(table: pd.DataFrame, boundary: str) -> Spec:
-    names = {c: word(c) for c in table["covariate"].unique()}
-    # distances are spread evenly by their logarithm, and labelled as they are
-    logarithm = table["covariate"] == "z_hat"
-    table = table.assign(x=table["x"].mask(logarithm, np.log10(table["x"].where(logarithm))))
-    y, u = table["residual_percent"], table["u_residual_percent"].fillna(0.0)
-    table = table.assign(low=y - u, high=y + u)
-    at = ["covariate", "x", "low", "high"]
-    means, trials = pick(table, kind="bin"), pick(table, kind="trial")
-    means["words"] = [
-        f"{boundary}, mean of {m.n_trials:.0f} trials: residual {m.residual_percent:.3f}"
-        f" ± {(m.high - m.low) / 2:.3f} %"
-        for m in records(means)
-    ]
-    # a column for each covariate, trials in run order
-    wide = trials.pivot(index="trial", columns="covariate", values="x")
-    first = trials.drop_duplicates("trial").set_index("trial")["residual_percent"]
-    wide = wide.reindex(first.index).assign(residual_percent=first)
-    n = len(wide)
-    keep = np.unique(np.linspace(0, n - 1, min(n, MOST_DOTS)).round().astype(int))
-    data = {
-        "noise": pick(table, kind="noise")[at],
-        "trials": wide.iloc[keep].reset_index(names="trial"),
-        "means": means[[*at, "residual_percent", "words"]],
-    }
-    return _spec(
-        "residuals",
-        data,
-        description=f"Residuals near the {boundary}",
-        first=next(iter(names)),
-        covariates=[*names],
-        names=[*names.values()],
     )

@@ -13,7 +13,6 @@ from functools import cached_property, partial
 from markupsafe import Markup
 
 from nearlift.report import blocks
-from nearlift.report import charts as interactive
 from nearlift.report.chapters import (
     assumptions,
     diagnosis,
@@ -25,7 +24,6 @@ from nearlift.report.chapters import (
     safety,
     verdict,
 )
-from nearlift.report.charts import Chart
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.run.tables import Product
@@ -127,10 +125,3 @@ CHAPTERS: tuple[Chapter, ...] = (
 )
 
 FIGURES: tuple[FigureSpec, ...] = tuple(f for chapter in CHAPTERS for f in chapter.figures)
-
-
-def charts(evidence: Evidence) -> tuple[Chart, ...]:
-    """The interactive charts that this campaign's products suffice for."""
-    drawn = {"fig2": interactive.fig2, "residuals": interactive.residuals}
-    made = [drawn[f.name](evidence) for f in FIGURES if f.name in drawn and evidence.has(*f.needs)]
-    return tuple(chart for chart in made if chart.views)

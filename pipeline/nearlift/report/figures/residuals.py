@@ -63,11 +63,11 @@ def residuals(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
     return pd.DataFrame({**columns(data), "trial": data.trial, "sigma": sigma, **rows})
 
 
-def table(evidence: Evidence, every: bool = False) -> pd.DataFrame:
+def table(evidence: Evidence) -> pd.DataFrame:
     """Everything that is drawn, a row each.
 
-    On paper it is against distance, throttle, run order and the covariate of each boundary's
-    largest structure. Otherwise it is against `every` covariate.
+    Residuals are against distance, throttle, run order and the covariate of each boundary's largest
+    structure.
 
     `kind` is trial (with its id), bin, base (a bin of the base model's residuals) or noise. The
     `u_residual_percent` of noise is the standard deviation of a trial there.
@@ -78,7 +78,7 @@ def table(evidence: Evidence, every: bool = False) -> pd.DataFrame:
         trials = residuals(evidence, boundary)
         covariates = trials.drop(columns=["trial", "sigma", "quoted", "base"], errors="ignore")
         levels = covariates.where(np.isfinite(covariates)).nunique()
-        varying = [str(n) for n in levels.index[levels > 1] if every or n in shown]
+        varying = [str(n) for n in levels.index[levels > 1] if n in shown]
         for name in sorted(varying, key=lambda n: ORDER.index(n) if n in ORDER else len(ORDER)):
             panel = {"panel": boundary, "covariate": name}
             parts += [{**panel, **part} for part in _panel(trials, name)]

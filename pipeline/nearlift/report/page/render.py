@@ -6,7 +6,7 @@ import base64
 import functools
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -22,21 +22,19 @@ from nearlift.report.registry import CHAPTERS, PARTS, Chapter
 
 #: The part that is open.
 FIRST = "verdict"
-#: The chart of the first screen.
-PLACED = "fig2"
 #: Places of figures that were not made.
 NOT_MADE = re.compile(r"<!--figure \w+-->")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure on the page; without `png` where a chart takes its place."""
+    """A figure on the page."""
 
     name: str
     title: str
     caption: str
     alt: str
-    png: bytes = b""
+    png: bytes
 
     @property
     def data(self) -> str:
@@ -89,58 +87,47 @@ def policy(allowed: Sequence[str]) -> str:
     return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests}"
 
 
-def rendered(template: str, charts: Sequence[Chart], **facts: object) -> bytes:
-    """A whole page with these charts; without any it has only its own script."""
-    run = scripts()[0 if charts else 1 :]
-    text = (
-        templates()
-        .get_template(template)
-        .render(
-            policy=Markup(policy(run)),
-            scripts=[Markup(s) for s in run],
-            charts=Markup(embedded(charts)),
-            **facts,
-        )
-    )
-    return text.encode()
-
-
 def page(
     evidence: Evidence,
     pictures: Sequence[Picture],
     chapters: Sequence[Chapter] = CHAPTERS,
-    charts: Sequence[Chart] = (),
+    chart: Chart | None = None,
 ) -> bytes:
-    """index.html: the first part open, every chapter of the others folded. Chapters whose products
-    are missing are left out.
+    """index.html: the first part open with the chart, every chapter of the others folded. Chapters
+    whose products are missing are left out; without a chart the page has only its own script.
     """
-    made, drawn = {p.name: p for p in pictures}, {c.name: c for c in charts}
     shown = [
         (chapter, facts)
         for chapter in chapters
-        if evidence.has(*chapter.needs) and (facts := placed(chapter.facts(evidence), made, drawn))
+        if evidence.has(*chapter.needs) and (facts := placed(chapter.facts(evidence), pictures))
     ]
     parts = [
         {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
         for name, title in PARTS.items()
         if (chapters_of := [(c, f) for c, f in shown if c.part == name])
     ]
-    return rendered(
-        "index.html.j2",
-        [c for c in charts if c.name == PLACED or c.name in made],
-        campaign=evidence.campaign,
-        parts=parts,
-        placed=drawn.get(PLACED),
-        shown=[c.name for c, _ in shown],
+    run = scripts()[0 if chart else 1 :]
+    text = (
+        templates()
+        .get_template("index.html.j2")
+        .render(
+            policy=Markup(policy(run)),
+            scripts=[Markup(s) for s in run],
+            charts=Markup(embedded(chart)),
+            campaign=evidence.campaign,
+            parts=parts,
+            placed=chart,
+            shown=[c.name for c, _ in shown],
+        )
     )
+    return text.encode()
 
 
-def placed(facts: Any, made: Mapping[str, Picture], drawn: Mapping[str, Chart]) -> Any:
-    """The chapter with each figure in its place, or the chart that takes it."""
+def placed(facts: Any, pictures: Sequence[Picture]) -> Any:
+    """The chapter with each figure in its place."""
     if not isinstance(facts, Markup):
         return facts
     template: Any = templates().get_template("charts.html.j2").module
-    for name, picture in made.items():
-        chart = drawn.get(name) if name != PLACED else None
-        facts = facts.replace(blocks.figure(name), template.picture(picture, chart))
+    for picture in pictures:
+        facts = facts.replace(blocks.figure(picture.name), template.picture(picture))
     return Markup(NOT_MADE.sub("", facts).strip())

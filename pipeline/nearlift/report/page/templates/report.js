@@ -1,9 +1,8 @@
 "use strict";
-// Draws each chart of the page from the JSON that the page holds, and binds native inputs to its signals. Nothing is fetched.
+// Draws the chart of the page from the JSON that the page holds. Nothing is fetched.
 (() => {
   document.documentElement.classList.add("js");
   const held = JSON.parse(document.getElementById("charts")?.textContent ?? "{}");
-  const live = new Map();
 
   const rule = "var(--rule)", text = "var(--text)", font = { labelColor: text, titleColor: text, labelFontSize: 12 };
   const config = {
@@ -13,13 +12,11 @@
   };
   const options = { config, mode: "vega-lite", ast: true, renderer: "svg", actions: false, defaultStyle: false, tooltip: { disableDefaultStyle: true } };
 
-  const draw = async (place, width) => {
+  const draw = async place => {
     const spec = held[place.closest("[data-chart]").dataset.chart][place.dataset.view];
-    live.get(place)?.result.finalize();
-    const result = await vegaEmbed(place.querySelector(".drawing"), { ...spec, ...(width && { width }) }, options);
+    await vegaEmbed(place.querySelector(".drawing"), spec, options);
     // the index of a symbol of one letter is set low; words with an underscore are left alone
     for (const word of place.querySelectorAll("text")) word.innerHTML = word.innerHTML.replace(/\b([A-Za-z])_([A-Za-z0-9])\b(.*)/, '$1<tspan dy="3" font-size="75%">$2</tspan><tspan dy="-3">$3</tspan>');
-    live.set(place, { result, rough: Boolean(width) });
   };
 
   // Arrow keys go from mark to mark and say each one; Escape leaves.
@@ -37,7 +34,7 @@
       event.preventDefault();
       for (const mark of place.querySelectorAll(".pointed")) mark.classList.remove("pointed");
       const centre = mark => { const box = mark.getBoundingClientRect(); return box.x; };
-      const marks = [...place.querySelectorAll(`[aria-roledescription="${drawing.dataset.mark}"]`)].sort((a, b) => centre(a) - centre(b));
+      const marks = [...place.querySelectorAll(`[aria-roledescription="cell"]`)].sort((a, b) => centre(a) - centre(b));
       if (!marks.length) return;
       if (step === 0) { if (at >= 0 && marks[at]) pointed(marks[at], "pointerout"); at = -1; said.textContent = ""; return; }
       at = Math.min(Math.max(at + step, 0), marks.length - 1);
@@ -84,27 +81,16 @@
     cited.replaceChildren(number.value ? `${number.value} ` : "", "from ", file.endsWith(".toml") ? file : link, ` ${number.dataset.source.slice(file.length + 1)} ${number.dataset.how ?? ""}`);
   });
 
-  // A chart takes the width of its place, and is drawn again when that is unfolded.
-  const all = [...document.querySelectorAll("[data-view].view")], lies = place => place.closest("details.chapter:not([open])");
-  const drawn = (places, width) => Promise.all(places.filter(p => !live.has(p) || (live.get(p).rough && !width)).map(p => draw(p, width)));
-  for (const fold of document.querySelectorAll("details.chapter")) {
-    fold.addEventListener("toggle", () => { if (fold.open) drawn(all.filter(p => fold.contains(p))); });
-  }
-
   // On paper nothing can be unfolded: short parts are opened, long ones stay one line.
   const unfolded = [];
   addEventListener("beforeprint", () => {
     for (const fold of document.querySelectorAll("main details:not([open])")) {
-      if (fold.matches(".chapter") || (!fold.closest("[data-chart]") && fold.querySelectorAll("tr, li").length <= 40)) { fold.open = true; unfolded.push(fold); }
+      if (fold.matches(".chapter") || fold.querySelectorAll("tr, li").length <= 40) { fold.open = true; unfolded.push(fold); }
     }
   });
   addEventListener("afterprint", () => { for (const fold of unfolded.splice(0)) fold.open = false; });
 
   document.documentElement.dataset.charts = "drawing";
   reveal();
-  drawn(all.filter(p => !lies(p))).then(() => {
-    document.documentElement.dataset.charts = "drawn";
-    // paper shows what is folded, and does not wait for a drawing: each has one by then
-    (window.requestIdleCallback ?? setTimeout)(() => drawn(all, 340));
-  });
+  Promise.all([...document.querySelectorAll("[data-view].view")].map(draw)).then(() => { document.documentElement.dataset.charts = "drawn"; });
 })();
