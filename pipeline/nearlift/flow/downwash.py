@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.flow.average import Average, correlation_time
-from nearlift.flow.field import Scene, VelocityField, has_flipped_component, is_transposed
+from nearlift.flow.field import Scene, VelocityField, has_flipped_component
 from nearlift.results import Estimate
 
 #: Clearances below this many radii lie in the zone in which an impinging jet is turned (about one
@@ -295,11 +295,6 @@ def check_plausible(
             f"air goes through the cut at {through:.3g} m/s, and at {speed:.3g} m/s elsewhere; the"
             f" hovering vehicle's wake has {expected_m_s:.3g} m/s",
             "are the two velocity components swapped? else check thrust, across, origin, rotors",
-        )
-    if is_transposed(mean):
-        raise refused(
-            "mass is conserved only with x and y in each other's place",
-            "the columns of the two coordinates are swapped; correct their names",
         )
     if has_flipped_component(mean):
         raise refused(

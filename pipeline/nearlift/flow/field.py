@@ -23,9 +23,6 @@ Direction = Literal["+x", "-x", "+y", "-y"]
 Half = Literal["left", "right"]
 #: Neighbouring nodes may be this much more or less apart than the grid's spacing.
 EVEN = 0.02
-#: A transposed grid has 36 times the square of divergence that it would have with x and y changed
-#: over, a true one 0.03 of it (the simulated wakes); noise alone as much.
-TRANSPOSED = 4.0
 #: A sign is doubted where both components' divergences go together this much, and by so many
 #: standard errors.
 DOUBT, ERRORS = 0.2, 8.0
@@ -234,17 +231,6 @@ def has_flipped_component(field: VelocityField) -> bool:
     spread = float(np.sqrt(np.sum((a * b) ** 2)))
     together = float(a @ b)
     return bool(together > DOUBT * scale and together > ERRORS * spread > 0)
-
-
-def is_transposed(field: VelocityField) -> bool:
-    """Whether mass would be conserved far better with x and y in each other's place.
-
-    Beneath a rotor the wake's edge has much shear, which a transposed grid takes for divergence.
-    """
-    (vx_y, vx_x), (vy_y, vy_x) = (
-        np.gradient(v, field.dy_m, field.dx_m) for v in (field.vx_m_s, field.vy_m_s)
-    )
-    return bool(np.nansum((vx_x + vy_y) ** 2) > TRANSPOSED * np.nansum((vx_y + vy_x) ** 2))
 
 
 def difference(case: VelocityField, control: VelocityField) -> FloatArray:
