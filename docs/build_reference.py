@@ -9,7 +9,11 @@ from pathlib import Path
 import click
 
 from nearlift.cli import main as command_line
-from nearlift.describe import reference_pages
+from nearlift.describe import codes, declaration, page, product_page, table
+from nearlift.effects import EFFECTS
+from nearlift.models import MODELS
+from nearlift.nomenclature import SYMBOLS
+from nearlift.stages import PRODUCTS, STAGES
 
 HERE = Path(__file__).parent
 ROOT = HERE / "reference"
@@ -73,6 +77,59 @@ def claims_page() -> str:
             "| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |"
         )
     return "\n".join(lines) + "\n"
+
+
+def stages_page() -> str:
+    """The stages in the order in which they run, with what makes each stale."""
+    rows = [
+        (
+            codes([s.name]),
+            s.summary,
+            "every product" if s.report else codes(p.file for p in s.reads),
+            codes(p.file for p in s.writes),
+            codes(s.sections),
+            codes(filter(None, [s.where])),
+        )
+        for s in STAGES
+    ]
+    text = (
+        "A stage runs if its input, its output, one of its sections of the manifest, the seed or"
+        " nearlift itself has changed."
+    )
+    head = ("stage", "", "reads", "writes", "sections of the manifest", "only with")
+    return page("# Stages", text, table(head, rows))
+
+
+def nomenclature_page() -> str:
+    """All symbols in one table."""
+    rows = [
+        (
+            codes([s.name]),
+            f"${s.latex}$",
+            s.unit,
+            s.meaning,
+            f"${s.paper_symbol}$" if s.paper_symbol else "",
+        )
+        for s in SYMBOLS
+    ]
+    return page("# Nomenclature", table(("name", "symbol", "unit", "meaning", "paper"), rows))
+
+
+def reference_pages() -> dict[str, str]:
+    """The generated pages by path under docs/reference; built-in declarations only, so that no
+    plug-in alters them.
+    """
+    pages = {f"models/{m.name}.md": declaration(m) for m in MODELS}
+    pages |= {f"effects/{e.name}.md": declaration(e) for e in EFFECTS}
+    pages |= {f"products/{p.name}.md": product_page(p) for p in PRODUCTS}
+    for folder, title, meaning, items in (
+        ("models", "Lift models", "boundary", [(m.name, m.title, m.boundary) for m in MODELS]),
+        ("effects", "Effects", "acts on", [(e.name, e.title, e.acts_on) for e in EFFECTS]),
+        ("products", "Products", "one row or entry", [(p.name, p.title, p.row) for p in PRODUCTS]),
+    ):
+        rows = [(f"[`{name}`]({name}.md)", described, third) for name, described, third in items]
+        pages[f"{folder}/index.md"] = page(f"# {title}", table(("name", "", meaning), rows))
+    return pages | {"nomenclature.md": nomenclature_page(), "stages.md": stages_page()}
 
 
 def pages() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Declarations as Markdown, for `nearlift describe` and for the reference pages of the site.
+"""Declarations as Markdown, for `nearlift describe` and the reference pages of the site.
 
 This module only formats; every fact is stated by a declaration.
 """
@@ -10,11 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES, Declaration, Effect, LiftModel
-from nearlift.effects import EFFECTS
-from nearlift.models import MODELS
 from nearlift.nomenclature import SYMBOLS, Symbol, symbol
 from nearlift.run.tables import Product
-from nearlift.stages import PRODUCTS, STAGES
+from nearlift.stages import PRODUCTS
 
 
 def describe(name: str | None = None) -> str:
@@ -48,26 +46,26 @@ def listing() -> str:
     for boundary in BOUNDARIES:
         models = catalogue.models(boundary)
         rows = [
-            (_codes([m.name]), m.title, ", ".join(p.name for p in m.parameters) or "nothing")
+            (codes([m.name]), m.title, ", ".join(p.name for p in m.parameters) or "nothing")
             for m in models
         ]
-        parts += [f"## Models: {boundary}", _table(("name", "title", "free"), rows)]
-    effects = [(_codes([e.name]), e.acts_on, e.mechanism) for e in catalogue.effects()]
-    products = [(_codes([p.file]), p.title) for p in PRODUCTS]
-    return _page(
+        parts += [f"## Models: {boundary}", table(("name", "title", "free"), rows)]
+    effects = [(codes([e.name]), e.acts_on, e.mechanism) for e in catalogue.effects()]
+    products = [(codes([p.file]), p.title) for p in PRODUCTS]
+    return page(
         *parts,
         "## Effects",
-        _table(("name", "acts on", "mechanism"), effects),
+        table(("name", "acts on", "mechanism"), effects),
         "## Products",
-        _table(("file", "holds"), products),
+        table(("file", "holds"), products),
         "## Symbols",
-        _codes(s.name for s in SYMBOLS),
+        codes(s.name for s in SYMBOLS),
     )
 
 
 def declaration(item: Declaration) -> str:
     """One model or effect, with its other forms."""
-    facts = [("name", _codes([item.name]))]
+    facts = [("name", codes([item.name]))]
     if isinstance(item, LiftModel):
         downwash = "yes" if item.downwash else "not modelled"
         facts += [("boundary", item.boundary), ("rotors", item.rotors), ("downwash", downwash)]
@@ -76,27 +74,27 @@ def declaration(item: Declaration) -> str:
         facts += [
             ("acts on", item.acts_on + (", additive" if item.additive else "")),
             ("mechanism", item.mechanism),
-            ("shape varies with", _codes([item.varies_with])),
+            ("shape varies with", codes([item.varies_with])),
             ("identified by", item.separated_by or "nothing more"),
-            ("to be recorded", _codes(item.log_next_time) or "nothing more"),
+            ("to be recorded", codes(item.log_next_time) or "nothing more"),
         ]
     low, high = item.valid_z_hat
     upper = "" if math.isinf(high) else f", up to {high:g}"
     facts += [
-        ("needs", _codes(item.needs) or "nothing"),
+        ("needs", codes(item.needs) or "nothing"),
         ("valid", f"z_hat above {low:g}{upper}"),
     ]
-    parts = [f"# {item.title}", f"$$ {item.formula} $$", _table(("", ""), facts), *_numbers(item)]
+    parts = [f"# {item.title}", f"$$ {item.formula} $$", table(("", ""), facts), *_numbers(item)]
     for other in item.other_forms if isinstance(item, Effect) else ():
         parts += [f"# {item.title}: {other.form}", f"$$ {other.formula} $$", *_numbers(other)]
-    return _page(*parts)
+    return page(*parts)
 
 
 def _numbers(item: Declaration) -> tuple[str, ...]:
     """Notes, parameters, source and checks."""
     parameters = [
         (
-            _codes([p.name]),
+            codes([p.name]),
             p.unit,
             f"{p.value:.6g}",
             f"{p.bounds[0]:g} to {p.bounds[1]:g}",
@@ -115,23 +113,23 @@ def _numbers(item: Declaration) -> tuple[str, ...]:
     return (
         item.notes.strip(),
         "## Parameters" if parameters else "",
-        _table(("name", "unit", "value", "bounds", "prior", "meaning"), parameters),
+        table(("name", "unit", "value", "bounds", "prior", "meaning"), parameters),
         "## Source",
         f"{source.citation}{equation}{doi}.",
         "Doubts:" if source.doubts else "",
         "\n".join(f"- {doubt}" for doubt in source.doubts),
         "## Checks",
-        _table(("at", "with", "gives", "within", "quoted by"), checks),
+        table(("at", "with", "gives", "within", "quoted by"), checks),
     )
 
 
 def product_page(product: Product) -> str:
     """One file that a stage writes."""
-    columns = [(_codes([c.name]), c.kind, c.unit, c.meaning) for c in product.columns]
-    return _page(
+    columns = [(codes([c.name]), c.kind, c.unit, c.meaning) for c in product.columns]
+    return page(
         f"# {product.title}",
         f"`{product.file}`, schema `{product.schema}`. One row or entry: {product.row}.",
-        _table(("column", "kind", "unit", "meaning"), columns),
+        table(("column", "kind", "unit", "meaning"), columns),
         "Further columns may follow." if product.open_ended else "",
     )
 
@@ -144,68 +142,15 @@ def symbol_page(item: Symbol) -> str:
         ("in the paper", f"${item.paper_symbol}$" if item.paper_symbol else "not there"),
     ]
     meaning = f"{item.meaning[0].upper()}{item.meaning[1:]}."
-    return _page(f"# `{item.name}`", meaning, _table(("", ""), facts))
+    return page(f"# `{item.name}`", meaning, table(("", ""), facts))
 
 
-def stages_page() -> str:
-    """The stages in the order in which they run, with what makes each stale."""
-    rows = [
-        (
-            _codes([s.name]),
-            s.summary,
-            "every product" if s.report else _codes(p.file for p in s.reads),
-            _codes(p.file for p in s.writes),
-            _codes(s.sections),
-            _codes(filter(None, [s.where])),
-        )
-        for s in STAGES
-    ]
-    text = (
-        "A stage runs if its input, its output, one of its sections of the manifest, the seed or"
-        " nearlift itself has changed."
-    )
-    head = ("stage", "", "reads", "writes", "sections of the manifest", "only with")
-    return _page("# Stages", text, _table(head, rows))
-
-
-def nomenclature_page() -> str:
-    """All symbols in one table."""
-    rows = [
-        (
-            _codes([s.name]),
-            f"${s.latex}$",
-            s.unit,
-            s.meaning,
-            f"${s.paper_symbol}$" if s.paper_symbol else "",
-        )
-        for s in SYMBOLS
-    ]
-    return _page("# Nomenclature", _table(("name", "symbol", "unit", "meaning", "paper"), rows))
-
-
-def reference_pages() -> dict[str, str]:
-    """The generated pages by path under docs/reference; built-in declarations only, so that no
-    plug-in alters them.
-    """
-    pages = {f"models/{m.name}.md": declaration(m) for m in MODELS}
-    pages |= {f"effects/{e.name}.md": declaration(e) for e in EFFECTS}
-    pages |= {f"products/{p.name}.md": product_page(p) for p in PRODUCTS}
-    for folder, title, meaning, items in (
-        ("models", "Lift models", "boundary", [(m.name, m.title, m.boundary) for m in MODELS]),
-        ("effects", "Effects", "acts on", [(e.name, e.title, e.acts_on) for e in EFFECTS]),
-        ("products", "Products", "one row or entry", [(p.name, p.title, p.row) for p in PRODUCTS]),
-    ):
-        rows = [(f"[`{name}`]({name}.md)", described, third) for name, described, third in items]
-        pages[f"{folder}/index.md"] = _page(f"# {title}", _table(("name", "", meaning), rows))
-    return pages | {"nomenclature.md": nomenclature_page(), "stages.md": stages_page()}
-
-
-def _page(*parts: str) -> str:
+def page(*parts: str) -> str:
     """Parts with empty lines between them; empty ones are left out."""
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Table in Markdown; empty without rows."""
     lines = [head, ["---"] * len(head), *rows] if rows else []
     return "\n".join(
@@ -213,7 +158,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     )
 
 
-def _codes(names: Iterable[str]) -> str:
+def codes(names: Iterable[str]) -> str:
+    """Names as code, with commas between them."""
     return ", ".join(f"`{name}`" for name in names)
 
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from nearlift import catalogue
-from nearlift.describe import describe, reference_pages
+from nearlift.describe import describe
 from nearlift.errors import UsageError
 from nearlift.nomenclature import SYMBOLS, label, symbol
 from nearlift.stages import PRODUCTS
@@ -88,7 +88,12 @@ def test_units_stand_in_names():
 
 
 def test_tables_are_whole():
-    for name, text in reference_pages().items():
+    for name in (
+        None,
+        *(d.name for d in (*catalogue.models(), *catalogue.effects())),
+        *(p.file for p in PRODUCTS),
+    ):
+        text = describe(name)
         for block in re.findall(r"(?:^\|.*\n?)+", text, flags=re.M):
             counts = {len(re.findall(r"(?<!\\)\|", line)) for line in block.strip().splitlines()}
             assert len(counts) == 1, f"{name}: rows of different length"

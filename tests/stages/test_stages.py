@@ -9,7 +9,6 @@ from tests.unit import small_run
 
 from nearlift import schedule
 from nearlift.cli import QUESTIONS, main, stage_command
-from nearlift.describe import stages_page
 from nearlift.errors import NotConverged
 from nearlift.run.engine import (
     Outcome,
@@ -57,9 +56,8 @@ def test_a_product_is_listed_where_it_is_written_last():
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
-def test_every_stage_is_on_the_command_line_and_on_its_page(stage):
+def test_every_stage_is_on_the_command_line(stage):
     assert stage.name in main.list_commands(None)
-    assert f"| `{stage.name}` | {stage.summary} |" in stages_page()
 
 
 def test_sections_are_those_of_the_manifest(tmp_path):
