@@ -324,7 +324,7 @@ def _follow(
     "question",
     required=True,
     help="A coefficient, such as K_b; separate=A,B for two effects, separate alone for those that"
-    " the diagnosis could not distinguish; drift for the supply against time.",
+    " the diagnosis could not distinguish.",
 )
 @click.option("--until", type=POSITIVE, metavar="U", help="Count the trials that bring u to U.")
 @click.option("--count", type=click.IntRange(1, 1000), default=10, help="Visits at each boundary.")

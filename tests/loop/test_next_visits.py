@@ -115,7 +115,6 @@ def test_it_stops_where_the_aim_is_reached_and_not_before(plan):
     aim = 0.7 * float(plan.u(plan.now))
     visits = plan.until(aim, 10, np.random.default_rng(0))
     assert plan.u(plan.after(visits)) <= aim < plan.u(plan.after(visits[:-1]))
-    assert len(visits) < plan.evenly(aim)
 
 
 def test_what_all_trials_share_cannot_be_visited_away(stage):
@@ -133,7 +132,6 @@ def test_what_all_trials_share_cannot_be_visited_away(stage):
     moves = 1e-3 * own.slope[near][0] / own.candidate().jacobian(own.theta)[near][0, 0]
     assert plan.least == pytest.approx(abs(moves), rel=0.1)
     assert plan.until(0.9 * plan.least, 10, np.random.default_rng(0)) is None
-    assert plan.evenly(0.9 * plan.least) is None
 
 
 def test_the_less_goes_round_the_sooner_the_answer(plan):

@@ -12,7 +12,6 @@ question alone would never reveal that the model is wrong.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -258,31 +257,10 @@ class Plan:
                     return visits
         return None
 
-    @functools.cached_property
-    def of_round(self) -> FloatArray:
-        """Mean information of a visit where all stations are visited equally often."""
-        return np.asarray(self.added.mean(axis=0), dtype=np.float64)
-
-    def evenly(self, u: float) -> float | None:
-        """Number of visits, evenly over all stations, until the target's standard uncertainty is
-        `u`; None if 50 times `HORIZON` are not enough.
-        """
-        low, high = 0.0, float(HORIZON) * 50
-        if self.u(self.now) <= u:
-            return 0.0
-        if self.u(self.now + high * self.of_round) > u:
-            return None
-        while high - low > 1e-3 * high:
-            middle = (low + high) / 2
-            low, high = (
-                (low, middle) if self.u(self.now + middle * self.of_round) <= u else (middle, high)
-            )
-        return high
-
     @property
     def least(self) -> float:
         """Limit of the target's standard uncertainty for any number of visits."""
-        return float(self.u(self.now + 1e9 * self.of_round))
+        return float(self.u(self.now + 1e9 * self.added.mean(axis=0)))
 
 
 def plan(problem: SearchProblem, question: Question, offered: Menu, rotating: float) -> Plan:

@@ -69,7 +69,7 @@ def plan_visits(
             raise UsageError(
                 f"--for {asked.coefficient}",
                 "no base model of this campaign has that coefficient",
-                f"ask for {listed or 'nothing here'}, separate or drift",
+                f"ask for {listed or 'nothing here'}, or separate",
             )
     batches, refused = [], []
     for boundary in present:
@@ -127,7 +127,7 @@ def _at(
     shown = dict(zip(trials["z_hat"][mine].tolist(), shown_m.tolist(), strict=True))
     low, high = problem.base.valid_z_hat
     stations = np.array([z for z in shown if low < z <= high or np.isinf(z)])
-    menu = next_visits.menu(data, stations, asked.drift or "supply_sag" in aim)
+    menu = next_visits.menu(data, stations, "supply_sag" in aim)
     plan = next_visits.plan(problem, question, menu, asked.rounds)
     return _batch(plan, problem, aim, asked.until, count, notes, shown)
 
@@ -145,16 +145,14 @@ def _batch(
     boundary, seed, parts = problem.data.boundary, problem.options.seed, len(aim) > 1
     visits = plan.batch(count, generator(seed, "next visits", boundary, *aim))
     u_wanted, u_now = 1 / np.sqrt(SEPARATED) if parts else until, plan.u(plan.now)
-    more: dict[str, int | None] = dict.fromkeys(("visits_wanted", "visits_evenly"))
+    more: int | None = None
     if u_wanted is not None and u_now <= u_wanted:
-        more = dict.fromkeys(more, 0)
+        more = 0
     elif u_wanted is not None:
         ahead = generator(seed, "visits after the next", boundary, *aim)
         wanted = plan.until(u_wanted, count, ahead) if plan.least < u_wanted else None
-        evenly = plan.evenly(u_wanted)
-        more["visits_evenly"] = None if evenly is None else int(np.ceil(evenly))
         if wanted is not None:
-            more["visits_wanted"] = len(wanted)
+            more = len(wanted)
     menu = plan.menu
     throttles = menu.trials.throttle.reshape(len(menu), -1)
     z_hat = menu.z_hat[menu.station[visits]].tolist()
@@ -169,7 +167,7 @@ def _batch(
         now=known(u_now),
         after=known(plan.u(plan.after(visits))),
         wanted=SEPARATED if parts else until,
-        **more,
+        visits_wanted=more,
         best=known(plan.least),
         visits=tuple(
             NextVisit(

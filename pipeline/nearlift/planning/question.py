@@ -8,9 +8,7 @@ from nearlift.errors import UsageError
 
 #: Share of a batch that goes round all stations, unless asked otherwise.
 ROUNDS = 0.5
-SEPARATE, DRIFT = "separate", "drift"
-#: Effects that `drift` distinguishes: the supply, and time.
-OF_DRIFT = ("supply_sag", "gain_drift")
+SEPARATE = "separate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +25,6 @@ class VisitQuestion:
 
     coefficient: str = ""
     pair: tuple[str, ...] = ()
-    drift: bool = False
     until: float | None = None
     rounds: float = ROUNDS
 
@@ -44,10 +41,10 @@ class VisitQuestion:
         from nearlift import catalogue
 
         word, _, names = text.partition("=")
-        if word not in (SEPARATE, DRIFT):
+        if word != SEPARATE:
             return cls(coefficient=text, until=until, rounds=rounds)
         pair = tuple(n.strip() for n in names.split(",") if n.strip())
-        if (word == DRIFT and names) or (pair and len(set(pair)) != 2):
+        if pair and len(set(pair)) != 2:
             raise UsageError(
                 f"--for {text}",
                 "needs two different effects",
@@ -62,4 +59,4 @@ class VisitQuestion:
             )
         for name in pair:
             catalogue.effect(name)
-        return cls(pair=OF_DRIFT if word == DRIFT else pair, drift=word == DRIFT, rounds=rounds)
+        return cls(pair=pair, rounds=rounds)

@@ -64,9 +64,7 @@ def stop(batch: NextVisits) -> str:
         else f"{_name(batch)} = {plain(batch.wanted, 2)}"
     )
     if batch.visits_wanted == 0:
-        return f"{what}: reached" + (
-            "" if batch.parts else "; for structure in distance go on at all stations equally often"
-        )
+        return f"{what}: reached"
     if batch.visits_wanted is None:
         why = (
             "the unknown forms of the two"
@@ -77,12 +75,7 @@ def stop(batch: NextVisits) -> str:
             return f"{what}: out of reach of these stations; {why} leave {plain(batch.best, 2)}"
         return f"{what}: not within thousands of visits of these stations"
     more = f"{_trials(batch, batch.visits_wanted)} more trials"
-    evenly = (
-        f"{_trials(batch, batch.visits_evenly)} at all stations equally often"
-        if batch.visits_evenly is not None
-        else "never at all stations equally often"
-    )
-    return f"{what} after about {more}; {evenly}"
+    return f"{what} after about {more}"
 
 
 def _out_of_reach(batch: NextVisits) -> bool:

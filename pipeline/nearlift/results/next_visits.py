@@ -37,8 +37,6 @@ class NextVisits:
         Where to stop, in the same unit.
     visits_wanted : int or None
         Visits until then by this plan, planned again every batch; None where none are enough.
-    visits_evenly : int or None
-        The same where all stations are visited equally often.
     best : float
         What no number of visits betters.
     """
@@ -52,7 +50,6 @@ class NextVisits:
     after: Real
     wanted: float | None
     visits_wanted: int | None
-    visits_evenly: int | None
     best: Real
     visits: tuple[NextVisit, ...]
     notes: tuple[str, ...] = ()
