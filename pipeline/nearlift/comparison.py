@@ -17,7 +17,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
 from nearlift.fit.population import FEWEST, population
 from nearlift.report.phrases import claim, coefficient_text
-from nearlift.results.comparison import (
+from nearlift.results.answers import (
     CampaignComparison,
     ComparedCampaign,
     ComparedCoefficient,

@@ -19,7 +19,7 @@ from nearlift.loop.search import run
 from nearlift.loop.search_problem import Options
 from nearlift.loop.within_trial import heating, power
 from nearlift.results import Noise
-from nearlift.results.explanation import Power
+from nearlift.results.answers import Power
 from nearlift.synthetic.trial_schedule import _williams, balanced, from_both_sides, randomised
 
 GROUND = catalogue.model("sanchez_cuevas")

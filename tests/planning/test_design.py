@@ -9,9 +9,8 @@ from tests.unit.small_run import nearlift, state
 
 from nearlift.campaign import manifest as manifests
 from nearlift.planning.plans import draw, schedule_text
-from nearlift.results.design import DesignOutlook
+from nearlift.results.answers import DesignOutlook, EffectAccount
 from nearlift.results.document import as_json, typed
-from nearlift.results.explanation import EffectAccount
 from nearlift.schedule import read_schedule
 
 PLAN = """

@@ -12,7 +12,7 @@ from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, UsageError
 from nearlift.planning.question import ROUNDS, VisitQuestion
 from nearlift.report import visits
-from nearlift.results.next_visits import NextVisits
+from nearlift.results.answers import NextVisits
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.forecasts import next_rows, next_visits
 from nearlift.stages.ingest import TRIALS

@@ -78,7 +78,7 @@ def test_no_column_of_a_schedule_may_be_named_after_one_of_trials():
 def test_a_quoted_posterior_that_does_not_converge_is_an_error(make_job, monkeypatch):
     job = make_job(("ground",), repeats=3)
     # no chain is as near to the grid as that
-    monkeypatch.setattr("nearlift.results.posterior.APART", 0.0)
+    monkeypatch.setattr("nearlift.results.fit.APART", 0.0)
     with pytest.raises(NotConverged, match="emcee and the grid disagree") as fault:
         diagnose.run(job)
     assert fault.value.exit_code == 5

@@ -16,7 +16,7 @@ from nearlift.fit.information import joint_information
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate
-from nearlift.results.assumptions import CollapseTest, LargestDeparture, ThrottleCollapse
+from nearlift.results.fit import CollapseTest, LargestDeparture, ThrottleCollapse
 from nearlift.rounding import chance
 
 #: Confidence level of the largest departure, and of the test (convention).

@@ -23,7 +23,7 @@ from nearlift.fit.information import joint_information
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate, Observations
-from nearlift.results.assumptions import ExponentFit, HeldQuantity, LoggedResponse
+from nearlift.results.fit import ExponentFit, HeldQuantity, LoggedResponse
 from nearlift.rounding import chance, plus_minus
 
 #: Exponent at constant power by momentum theory, and least and greatest at constant rotor speed by

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.results.fit import FitResults
-from nearlift.results.posterior import LEVEL, split_level
+from nearlift.results.fit import LEVEL, FitResults, split_level
 
 Table = Mapping[str, NDArray[Any]]
 #: A variable: its dimensions, values and attributes.

@@ -13,7 +13,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.results.comparison import Population, SpreadPrior
+from nearlift.results.answers import Population, SpreadPrior
 from nearlift.results.estimate import Estimate
 
 #: Grid points of the integral over the spread. Ours: 4.5 decades, a point each 2.6 %.

@@ -19,7 +19,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit.density import Density
 from nearlift.fit.grid import PosteriorGrid, grid
-from nearlift.results.posterior import APART, SamplerCheck
+from nearlift.results.fit import APART, SamplerCheck
 
 #: Chains into which independent draws are divided: the least number for R-hat (Vehtari et al. 2021,
 #: Bayesian Anal. 16, 667).

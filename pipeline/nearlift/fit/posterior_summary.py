@@ -19,9 +19,9 @@ from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.posterior import Posterior
 from nearlift.fit.prior import TruncatedPrior
 from nearlift.results.estimate import Estimate
-from nearlift.results.fit import ModelFit
-from nearlift.results.posterior import (
+from nearlift.results.fit import (
     DeclaredPrior,
+    ModelFit,
     PosteriorParameter,
     PosteriorSummary,
     level_name,

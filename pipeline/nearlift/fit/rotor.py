@@ -22,7 +22,7 @@ from nearlift.fit.held_quantity import Response, logged
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate, Observations
-from nearlift.results.assumptions import (
+from nearlift.results.fit import (
     RotorCoefficient,
     RotorTrend,
     RotorUnknown,

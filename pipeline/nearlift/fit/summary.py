@@ -16,8 +16,7 @@ from nearlift.fit.profiles import Profile
 from nearlift.likelihood import noise
 from nearlift.likelihood.level_curve import held_out_rms
 from nearlift.results import Estimate, IntArray
-from nearlift.results.fit import ModelFit, ParameterCovariance
-from nearlift.results.levels import LevelFit
+from nearlift.results.fit import LevelFit, ModelFit, ParameterCovariance
 
 #: Degrees of freedom below which an uncertainty is flagged. Ours: u is then known to 30 %.
 FEW_DOF = 5.0

@@ -13,7 +13,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.likelihood.covariance import visits_by_size
 from nearlift.results import Observations
-from nearlift.results.levels import LevelCurve
+from nearlift.results.observations import LevelCurve
 
 #: Highest degree of the curve, also for a manifest. Ours: thrust is nearly quadratic in throttle.
 MOST_DEGREE = 4

@@ -22,8 +22,8 @@ from nearlift.loop.evidence import CREDIT, LinearFit, mean_evidence
 from nearlift.loop.random_walk_gain import log_evidence_gain
 from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.randomness import generator
+from nearlift.results.answers import Power
 from nearlift.results.diagnosis import FORM_SD
-from nearlift.results.explanation import Power
 
 #: Power that defines a detection limit.
 LIMIT_POWER = 0.8

@@ -18,7 +18,7 @@ from nearlift.loop.power import (
 )
 from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.results import Noise
-from nearlift.results.design import BoundaryOutlook, ExpectedCoefficient
+from nearlift.results.answers import BoundaryOutlook, ExpectedCoefficient
 from nearlift.results.outlook import (
     DetectionLimit,
     EffectOutlook,

@@ -10,9 +10,9 @@ import numpy as np
 
 from nearlift.declare import Effect
 from nearlift.results import Observations
+from nearlift.results.answers import WithinTrialPower
 from nearlift.results.diagnosis import WithinTrial
 from nearlift.results.estimate import Estimate
-from nearlift.results.explanation import WithinTrialPower
 
 #: Mean change over a record, a fraction of lift, below which significance has no consequence.
 HARMLESS = 5e-4

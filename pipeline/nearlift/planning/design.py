@@ -15,7 +15,7 @@ from nearlift.observed import boundaries, choice
 from nearlift.planning.forecast import of_plan
 from nearlift.planning.plans import PlannedTrials, draw, scatter
 from nearlift.results import Noise
-from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule
+from nearlift.results.answers import BoundaryOutlook, DesignOutlook, DrawnSchedule
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
 #: Duration of a trial where `[design]` gives none, s.

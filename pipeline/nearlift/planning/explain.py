@@ -18,8 +18,7 @@ from nearlift.loop.search_problem import SILENT
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.observed import Trials, boundaries
 from nearlift.planning.forecast import Forecast, of_trials
-from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.results.explanation import (
+from nearlift.results.answers import (
     Confusion,
     EffectAccount,
     EffectAtBoundary,
@@ -30,6 +29,7 @@ from nearlift.results.explanation import (
     NoCandidate,
     Signature,
 )
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UnseenBias
 
 

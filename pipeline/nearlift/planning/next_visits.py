@@ -23,8 +23,8 @@ from nearlift.observed import Trials, boundaries, choice
 from nearlift.planning.forecast import Forecast, of_trials
 from nearlift.planning.question import VisitQuestion
 from nearlift.randomness import generator
+from nearlift.results.answers import NextVisit, NextVisits
 from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.results.next_visits import NextVisit, NextVisits
 from nearlift.results.outlook import NextSession
 from nearlift.results.quotation import Results
 from nearlift.rounding import plain

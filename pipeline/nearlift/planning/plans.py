@@ -20,7 +20,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError
 from nearlift.observed import Trials
 from nearlift.results import Noise
-from nearlift.results.next_visits import NextVisits
+from nearlift.results.answers import NextVisits
 from nearlift.schedule import BY_NAME, SETTINGS, Schedule
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised

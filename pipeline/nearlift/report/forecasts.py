@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from nearlift import catalogue
 from nearlift.report.documents.text import console
-from nearlift.results.design import BoundaryOutlook, DesignOutlook
-from nearlift.results.explanation import Confusion, EffectAccount, EffectSize, EffectVerdict
+from nearlift.results.answers import (
+    BoundaryOutlook,
+    Confusion,
+    DesignOutlook,
+    EffectAccount,
+    EffectSize,
+    EffectVerdict,
+)
 from nearlift.results.outlook import EffectOutlook
 
 #: Effects that a text lists at most: of a bias, and confused with another.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from nearlift.nomenclature import letter
-from nearlift.results.next_visits import NextVisits
+from nearlift.results.answers import NextVisits
 from nearlift.rounding import plain
 
 

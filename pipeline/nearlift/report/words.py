@@ -41,8 +41,7 @@ from nearlift.report.phrases import (
 )
 from nearlift.report.sources import PlausibleError, leads, missing_for, undeclared, undetected
 from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.results.fit import Suspect
-from nearlift.results.levels import LevelFit
+from nearlift.results.fit import LevelFit, Suspect
 from nearlift.results.outlook import NextExperiment, NextSession, Sensitivity
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, like, plain, signed

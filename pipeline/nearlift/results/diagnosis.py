@@ -27,16 +27,10 @@ FORM_SD = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopEstimate(Estimate):
-    """A coefficient, or an effect's parameter, as the loop knows it.
+    """A coefficient, or an effect's parameter, over all rivals, their form uncertain.
 
-    Attributes
-    ----------
-    value, lo90, hi90 : float
-        Over all rivals, their form uncertain.
-    conditional : (float, float) or None
-        90 % interval given the named explanation.
-    constrained : (float, float) or None
-        90 % interval with every effect that was not found as a nuisance of its physical size.
+    Two further 90 % intervals: `conditional` on the named explanation; `constrained` with every
+    effect that was not found as a nuisance of its physical size.
     """
 
     conditional: IfAny[tuple[float, float]] = None
@@ -55,16 +49,8 @@ class NamedEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExplanationProbability:
-    """Probability of one explanation of the residuals.
-
-    Attributes
-    ----------
-    effects : tuple of str
-        Its effects; none of nothing and of nameless structure.
-    nameless : str or None
-        Covariate of structure that no allowed explanation describes.
-    other : int or None
-        Number of further explanations, where it is the sum of their probabilities.
+    """Probability of one explanation of the residuals: its effects; else `nameless` structure along
+    a covariate; else nothing. It is that of `other` further explanations where these are summed.
     """
 
     effects: tuple[str, ...]
@@ -78,16 +64,9 @@ class AcceptedExplanation:
     """The most probable explanation by itself: values that belong together and draw one curve.
 
     The quoted coefficients are means over rival explanations; together they may draw none of them.
-
-    Attributes
-    ----------
-    probability : float or None
-        That the residuals have this explanation; None where visits left out decided.
-    parameters : mapping of str to Estimate
-        Coefficients of the base model and parameters of the effects, at their joint optimum.
-        Intervals include the uncertain form, and exclude the choice between rivals.
-    covariance : ParameterCovariance
-        Of all parameters, in their order, with the form exact: that of the curve that is drawn.
+    `probability` is None where visits left out decided. `parameters` are the base model's and the
+    effects', at their joint optimum. Their intervals include the uncertain form, and exclude the
+    choice between rivals; their `covariance` has the form exact, that of the curve that is drawn.
     """
 
     effects: tuple[str, ...]
@@ -118,18 +97,9 @@ class StructureTest:
 class TriedCandidate:
     """An explanation that was tried.
 
-    Attributes
-    ----------
-    gain : float
-        Fall of chi2.
-    p_value : float
-        Of what it leaves; `left_in` is the covariate of that, None where nothing is left.
-    sizes : mapping of str to float
-        Its parameters, those aside that differ by session.
-    at_bound : bool
-        A size that is not possible.
-    judged_by : str or None
-        What decided, where it was not the evidence.
+    `gain` is the fall of chi2; `p_value` that of what it leaves, along `left_in`. `sizes` are its
+    parameters, those aside that differ by session; `at_bound`: a size that is not possible.
+    `judged_by` is what decided, where it was not the evidence.
     """
 
     name: str
@@ -220,39 +190,17 @@ class WithinTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryDiagnosis:
-    """Findings of the loop at one boundary.
+    """Findings of the loop at one boundary; `p_value` is of the largest of all tests.
 
-    Attributes
-    ----------
-    verdict : str
-        ``adequate``, ``effect`` or ``unexplained``.
-    effects : tuple of NamedEffect
-        Empty unless the verdict is ``effect``.
-    explanations : tuple of tuple of str
-        Rival explanations, the best first.
-    accepted : AcceptedExplanation or None
-        The most probable explanation; None unless the verdict is ``effect``.
-    probabilities : tuple of ExplanationProbability
-        Of everything that was weighed; they sum to 1.
-    partial : tuple of PartialEffect
-        Of structure that is not explained.
-    at_bound : tuple of str
-        Effects that would explain half of it or more with a size at a bound of its range.
-    contradicted : tuple of str
-        Evidence against a model that no test of structure rejects.
-    wander : float
-        Root mean square, as a fraction of lift, of the gain's random walk besides the answer, along
-        nothing that was logged.
-    p_value : float
-        Of the largest of all tests.
-    not_confirmed : tuple of tuple of str
-        Explanations from which visits left out gain nothing.
-    error : LoopError or None
-        None where no visit can be predicted from the others.
-    noise : Noise
-        The noise floor (``noise_floor`` in the file).
-    L_inf_N : mapping of float to Estimate
-        L_inf per throttle by the accepted model, in the average conditions of its trials.
+    `effects` are empty unless the verdict is ``effect``, `accepted` is None. `explanations` are
+    rivals, the best first; `probabilities` those of everything that was weighed, in sum 1.
+    `not_confirmed` are explanations from which visits left out gain nothing. `partial` explain part
+    of the structure. `at_bound` would explain half of it or more with a size at a bound of its
+    range. `contradicted` is evidence against a model that no test of structure rejects.
+
+    `wander` is the root mean square, as a fraction of lift, of the gain's random walk besides the
+    answer, along nothing that was logged. `error` is None where no visit can be predicted from the
+    others. `L_inf_N` is by the accepted model, in the average conditions of its trials.
     """
 
     base_model: str

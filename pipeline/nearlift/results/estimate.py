@@ -19,20 +19,10 @@ _LEFT_OUT = Field(exclude_if=lambda number: number is ABSENT)
 class Estimate:
     """A number with its uncertainty, by the same names in every product.
 
-    Attributes
-    ----------
-    u, dof : float
-        Standard uncertainty, and effective degrees of freedom behind it.
-    unit : str
-        "1" without dimension.
-    lo68, hi68, lo90, hi90, lo95, hi95 : float
-        Ends of the intervals of 68, 90 and 95 %.
-    median : float
-        Of draws, whose mean is the value.
-    at_bound : bool or None
-        Whether a parameter is at the end of its range.
-    warning : str or None
-        Where the degrees of freedom are few.
+    `u` is the standard uncertainty, `dof` the effective degrees of freedom behind it; `unit` is
+    "1" without dimension. `lo68` to `hi95` are ends of intervals. `median` is of draws, whose mean
+    is the value. `at_bound`: the parameter is at the end of its range. `warning` is given where the
+    degrees of freedom are few.
     """
 
     value: Real
@@ -60,32 +50,19 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """How trials scatter about any smooth curve.
+    """How trials scatter about any smooth curve, as standard deviations.
 
-    Attributes
-    ----------
-    relative : float
-        Standard deviation in proportion to lift, beyond what the records themselves show.
-    force_N : float
-        Standard deviation of an additive force.
-    height_m : float
-        Standard deviation of the height of one visit of the traverse, shared by the visit's trials.
-    common : float
-        Standard deviation, in proportion to lift, of what else the trials of a visit have in
-        common.
-    drift : tuple of float
-        Standard deviations, in proportion to lift, of slow drifts between trials, one for each
-        length in `likelihood.variance_components.DRIFT_LENGTHS`.
-    source : str
-        What they were estimated from.
-    dof : float
-        Degrees of freedom behind them.
-    sizes, log_covariance : tuple
-        Names of the estimated components (`drift0` and so on for the drifts), and the covariance
-        of the logarithms of their sizes. Empty where the noise was declared.
-    modes : tuple
-        Logarithms of the sizes at each mode of their posterior, force as a fraction of the median
-        lift. A search among nearly the same trials begins there.
+    `relative` is in proportion to lift, beyond what the records themselves show; `force_N` an
+    additive force; `height_m` the height of one visit of the traverse, shared by the visit's
+    trials. In proportion to lift, `common` is what else the trials of a visit have in common.
+    `drift` are slow drifts between trials, one for each length in
+    `likelihood.variance_components.DRIFT_LENGTHS`.
+
+    They were estimated from `source`, with `dof` degrees of freedom. `sizes` are the estimated
+    components (`drift0` and so on for the drifts), with the covariance of the logarithms of their
+    sizes; empty where the noise was declared. `modes` are the logarithms of the sizes at each mode
+    of their posterior, force as a fraction of the median lift. A search among nearly the same
+    trials begins there.
     """
 
     relative: Real

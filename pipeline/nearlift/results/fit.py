@@ -1,19 +1,40 @@
-"""fit.json: every lift model fitted to every boundary, how the models compare, and what was asked
-of the base models' assumptions.
+"""fit.json: every lift model fitted to every boundary, its posterior, how the models compare, and
+checks of the base models' assumptions.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
 
 from nearlift.declare import Boundary, FloatArray
-from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
-from nearlift.results.document import IfAny, NumberKey, Real, Unbounded
+from nearlift.errors import InputRefused
+from nearlift.results.document import Above, Below, IfAny, NumberKey, Real, Unbounded
 from nearlift.results.estimate import Estimate, Noise
-from nearlift.results.levels import LevelFit
-from nearlift.results.posterior import PosteriorSummary
+from nearlift.results.observations import LevelCurve
+
+#: So many standard errors are a disagreement: by chance once in 10^6 comparisons.
+APART = 5.0
+#: Name of L_inf in posterior.parquet, before its throttle.
+LEVEL = "L_inf_N"
+
+
+def level_name(throttle: float) -> str:
+    """How L_inf at a throttle (a fraction) is called in posterior.parquet."""
+    return f"{LEVEL}[{throttle:g}]"
+
+
+def split_level(name: str) -> float:
+    """The throttle in such a name."""
+    return float(name.removeprefix(f"{LEVEL}[").removesuffix("]"))
+
+
+# ---- one fit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,8 +53,44 @@ class ParameterCovariance:
         """Covariance of some of the parameters."""
         kept = tuple(names)
         at = [self.names.index(n) for n in kept]
-        values = tuple(tuple(self.values[i][j] for j in at) for i in at)
-        return ParameterCovariance(names=kept, values=values)
+        return ParameterCovariance.named(kept, np.array(self.values)[np.ix_(at, at)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelFit:
+    """A fitted curve of L_inf, in N: coefficients of the curve's columns, with their covariance
+    while the lift model's coefficients are free.
+
+    `held_out` is by degree the root mean square of log lift in visits left out, with free curves of
+    distance.
+    """
+
+    curve: LevelCurve
+    coefficients: tuple[Real, ...]
+    covariance: tuple[tuple[Real, ...], ...]
+    held_out: Mapping[int, Real]
+
+    def lift_inf_N(self, **values: float) -> tuple[float, float]:
+        """L_inf, N, and its standard uncertainty at a throttle (a fraction); other arguments of the
+        curve are at their medians unless given.
+
+        Raises
+        ------
+        InputRefused
+            A value lies beyond those of the trials: a polynomial says nothing there.
+        """
+        curve = self.curve
+        at = dict(zip(curve.of, curve.typical, strict=True)) | values
+        for name, low, high in zip(curve.of, curve.low, curve.high, strict=True):
+            if not low <= at[name] <= high:
+                raise InputRefused(
+                    f"L_inf at {name} = {at[name]:.4g}",
+                    f"lies outside {low:.4g} to {high:.4g}, where lift was measured",
+                    "measure there, or ask within that range",
+                )
+        row = curve.columns(np.array([[at[name]] for name in curve.of]))[0]
+        value = math.exp(float(row @ np.array(self.coefficients)))
+        return value, value * math.sqrt(float(row @ np.array(self.covariance) @ row))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,17 +138,10 @@ class ProfileIntervals:
 class Remedy:
     """Gain of a coefficient from independent knowledge of one quantity, or of each of a kind.
 
-    Attributes
-    ----------
-    r : float
-        Correlation of the two; of several of a kind, the multiple correlation, without a sign.
-    known_to : float
-        Standard uncertainty of the quantity as these trials and the budget leave it, in `unit`.
-    needed : float
-        Standard uncertainty of an independent measurement that would halve the coefficient's; nan
-        if even an exact one would not.
-    u, u_best : float
-        The coefficient's standard uncertainty now, and with the quantity known exactly.
+    `r` is the correlation of the two; of several of a kind, the multiple correlation, without a
+    sign. `known_to` is the standard uncertainty of the quantity by trials and budget, in `unit`;
+    `needed` is the one that would halve the coefficient's, nan if even an exact one would not. `u`
+    and `u_best` are the coefficient's now, and with the quantity known exactly.
     """
 
     quantity: str
@@ -132,27 +182,85 @@ class UndeclaredInput:
     shift: Mapping[str, Real]
 
 
+# ---- posteriors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SamplerCheck:
+    """Check of a chain by a grid: the largest disagreement, in Monte Carlo standard errors, and
+    `where` it is. `unfit` is the reason why the grid could not judge.
+    """
+
+    by: str
+    apart: Real
+    where: str
+    unfit: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it is a disagreement."""
+        return not self.unfit and self.apart > APART
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeclaredPrior:
+    """A prior in words, its 90 % interval, and the bounds that cut it off."""
+
+    text: str
+    lo90: Below
+    hi90: Above
+    bounds: tuple[Below, Above]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosteriorParameter(Estimate):
+    """One parameter after the data.
+
+    `ess` and `ess_tail` are the effective draws of the mean and of the ends of the 90 % interval.
+    `tau` is the autocorrelation time in steps, 1 for independent draws. `width_ratio` is that of
+    the 90 % intervals after and before. `unlike_fit` states why the posterior is unlike the fit.
+    """
+
+    ess: Real
+    ess_tail: Real
+    tau: Real
+    prior: DeclaredPrior
+    width_ratio: Real
+    words: str
+    unlike_fit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosteriorSummary:
+    """The posterior of one model. `ess` and `tau` are the worst of all parameters, None
+    where there is none; `data_sha256` is that of the trials.
+    """
+
+    model: str
+    data_sha256: str
+    sampler: str
+    chains: int
+    draws: int
+    ess: float | None
+    tau: float | None
+    acceptance: Real
+    steps: int
+    noise_dof: Unbounded
+    checks: tuple[SamplerCheck, ...]
+    parameters: Mapping[str, PosteriorParameter]
+    L_inf_N: Mapping[NumberKey, Estimate]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelFit:
-    """One lift model fitted to one boundary.
+    """One lift model fitted to one boundary; `title` is its legend.
 
-    Attributes
-    ----------
-    title : str
-        What a legend says.
-    L_inf_N : mapping of float to Estimate
-        Lift far from every boundary, N, per throttle (a fraction). Of a curve, at some throttles,
-        its other arguments at their medians.
-    levels : LevelFit or None
-        The curve of L_inf, where ``[levels]`` asks for one.
-    chi2, dof : float
-        Against the scatter of repeats.
-    rmse, r2, aic, bic : float
-        Relative root-mean-square residual; R² of cell means of `delta_L`; information criteria.
-    height_error : Estimate or None
-        Most probable height error that all trials share, m, where the slope does not carry it.
-    r2_near : float or None
-        The same R² within `r2_near_range`; at the ground only, nan where too few cells are.
+    `L_inf_N` is the lift far from every boundary, N, per throttle (a fraction). Of a curve (then
+    `levels` is one) it is given at some throttles, its other arguments at their medians. `chi2` is
+    against the scatter of repeats. `rmse` is relative, `r2` of cell means of `delta_L`, `r2_near`
+    the same within `r2_near_range`, at the ground only; nan where too few cells are.
+    `height_error` is the most probable height error that all trials share, m, where the slope does
+    not carry it.
     """
 
     title: str
@@ -192,24 +300,16 @@ class ModelFit:
         return {name: e.value for name, e in self.parameters.items()}
 
 
+# ---- influence and comparison
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suspect:
-    """A trial or visit that is named, and the headline coefficient fitted without it.
+    """A trial or visit that is named, its trials, and the headline coefficient fitted without it.
 
-    Attributes
-    ----------
-    id : str
-        The trial's, or the visit's label.
-    trials : tuple of str
-        The trial, or those of the visit.
-    outlying : bool
-        Beyond what noise allows, whether or not the headline depends on it.
-    without : Estimate or None
-        A visit's also without the trials named; None where that fit failed.
-    shift : float
-        That less the headline (a visit's: less the headline without the trials named).
-    text : str
-        Sentence on it.
+    It is `outlying` beyond what noise allows, whether or not the headline depends on it. A visit is
+    left out together with the trials named. `without` is None where that fit failed. `shift` is
+    `without` less the headline (a visit's: less the headline without the trials named).
     """
 
     kind: Literal["trial", "visit"]
@@ -223,14 +323,8 @@ class Suspect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Influence:
-    """Influence of single trials and visits on one fit.
-
-    Attributes
-    ----------
-    without_all : Estimate or None
-        The headline without any trial named; None unless several are.
-    why_not : str
-        Why nothing could be screened; empty where it could.
+    """Influence of single trials and visits on one fit; `without_all` is the headline without any
+    trial named, if several are. `why_not` says why nothing could be screened.
     """
 
     suspects: tuple[Suspect, ...] = ()
@@ -268,6 +362,113 @@ class ModelComparison:
     blocks: str = "visits"
     reference: str
     models: Mapping[str, ModelScore]
+
+
+# ---- assumptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CollapseTest:
+    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]`
+    degrees of freedom.
+    """
+
+    statistic: Annotated[Real, Field(alias="F")]
+    dof: tuple[int, Unbounded]
+    p_value: Real
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LargestDeparture:
+    """The two throttles that may differ most: by what fraction, and what 95 % confidence cannot
+    exclude.
+    """
+
+    between: tuple[Real, Real]
+    value: Real
+    u: Real
+    bound95: Unbounded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrottleCollapse:
+    """Whether Delta L is the same at all throttles: the scale of the log ratio at each throttle,
+    about 1 on average. What these trials cannot test is None.
+    """
+
+    per_throttle: Mapping[NumberKey, Estimate]
+    test: CollapseTest | None
+    largest_departure: LargestDeparture | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExponentFit(Estimate):
+    """The headline coefficient with the ratio raised to `n`; `supposes` is the assumption with that
+    exponent.
+    """
+
+    supposes: IfAny[str] = None
+    n: Real
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoggedResponse:
+    """How a logged quantity answers to the boundary, and the exponents that theory then allows."""
+
+    quantity: str
+    response: Estimate
+    p_value: Real
+    held: bool
+    spread: Real
+    exponents: tuple[Real, Real] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldQuantity:
+    """Dependence of the headline coefficient on the exponent of the ratio (the held quantity)."""
+
+    declared: str
+    coefficient: str
+    plausible: tuple[ExponentFit, ...]
+    exponent_from_lift: Estimate | None
+    logged: tuple[LoggedResponse, ...]
+    supported_exponents: tuple[Real, Real] | None
+    supported: tuple[ExponentFit, ...]
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrottleLift(Estimate):
+    """C_L at one throttle, and the speed in it."""
+
+    speed_Hz: Real
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotorTrend:
+    """C_L per throttle: one constant, and a power law of speed.
+
+    `exponent` and `p_trend` (of a constant C_L) are None for one throttle.
+    """
+
+    air_density: Real
+    per_throttle: Mapping[NumberKey, ThrottleLift]
+    mean: Estimate
+    exponent: Estimate | None
+    p_trend: float | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotorUnknown:
+    """C_L cannot be had for want of what is `missing`."""
+
+    missing: tuple[str, ...]
+    text: str
+
+
+RotorCoefficient = RotorTrend | RotorUnknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

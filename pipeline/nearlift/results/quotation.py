@@ -40,25 +40,13 @@ Verdict = Literal["adequate", "effect", "unexplained", "not_diagnosed"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BudgetLine:
-    """One source of error of one coefficient.
+    """One source of error of one coefficient; `kind`: ``"A"`` from repeats, ``"B"`` stated or
+    assumed (`type` in the file).
 
-    Attributes
-    ----------
-    kind : str
-        ``"A"`` from repeats, ``"B"`` stated or assumed; `type` in the file.
-    u : float
-        What it adds to the coefficient, one standard uncertainty.
-    u_without : float
-        The coefficient's standard uncertainty if the source were known exactly. Sources are
-        correlated through the fit, so this is not what `u` suggests.
-    distribution, scope : str
-        Of the input and what shares it; empty where it has none.
-    u_input : float or None
-        Standard uncertainty of the input, in `unit`.
-    sensitivity : float or None
-        Change of the coefficient per unit of the input.
-    dof : float
-        Effective degrees of freedom of `u`.
+    `u` is what it adds to the coefficient. `u_without` is the coefficient's standard uncertainty if
+    the source were known exactly. Sources are correlated through the fit, so this is not what `u`
+    suggests. `distribution`, `scope` and `u_input` (in `unit`) are of the input, if it has them;
+    `sensitivity` is the change of the coefficient per unit of it.
     """
 
     source: str
@@ -124,17 +112,9 @@ class Doubt(Estimate):
 class CoefficientResult(Estimate):
     """The value to quote, with its intervals within the coefficient's declared range.
 
-    Attributes
-    ----------
-    value, u : float
-        One standard uncertainty (k = 1). Over rivals: half the 90 % interval over Student's t,
-        whatever its shape.
-    dof : float
-        Degrees of freedom behind `u`; 0 where no repeats tell it.
-    holds : str
-        What the interval allows for, in a sentence.
-    answers : int
-        How many explanations that the interval covers.
+    `u` is one standard uncertainty (k = 1). Over rivals: half the 90 % interval over Student's t,
+    whatever its shape. `dof` is 0 where no repeats tell `u`. `holds` is what the interval allows
+    for, in a sentence; `answers` the number of explanations that it covers.
     """
 
     holds: str
@@ -149,14 +129,8 @@ class RestsOn:
     """The trial or the visit without which the boundary's answer would be another: by search and
     fit made again from the start without it.
 
-    Attributes
-    ----------
-    trial, visit : str or None
-        Which of the two it is; `z_hat` is distance of a visit, None in free air.
-    shift : float
-        The headline coefficient without it less what it is.
-    effects : tuple of str
-        What would be said, and named, without it.
+    `z_hat` is the distance of a visit, None in free air. `shift` is the headline coefficient
+    without it less what it is; `verdict` and `effects` are those without it.
     """
 
     trial: IfAny[str] = None
@@ -196,12 +170,8 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiedSize(Estimate):
-    """One size of an identified effect, with its 90 % interval.
-
-    Attributes
-    ----------
-    lift_percent : float
-        Range of the effect's contribution to lift over the trials, in percent of lift.
+    """One size of an identified effect, with its 90 % interval; `lift_percent` is the range of the
+    effect's contribution to lift over the trials, in percent of lift.
     """
 
     effect: str

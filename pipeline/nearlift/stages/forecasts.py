@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from nearlift.declare import Boundary
     from nearlift.planning.question import VisitQuestion
     from nearlift.results import Noise
-    from nearlift.results.design import DesignOutlook
-    from nearlift.results.explanation import EffectAccount
-    from nearlift.results.next_visits import NextVisits
+    from nearlift.results.answers import DesignOutlook, EffectAccount, NextVisits
     from nearlift.schedule import Schedule
 
 SCHEDULE = "trials.csv"

@@ -17,7 +17,7 @@ from nearlift.nomenclature import VERDICTS
 from nearlift.report.evidence import Part, frame, groups, pick, records
 from nearlift.report.figures import style
 from nearlift.report.figures.style import BAND, SERIES
-from nearlift.results.comparison import CampaignComparison
+from nearlift.results.answers import CampaignComparison
 from nearlift.results.estimate import Estimate
 
 COLUMNS = (
