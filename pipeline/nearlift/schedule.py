@@ -14,7 +14,7 @@ import math
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -44,17 +44,8 @@ MEANS = ("lift", "lift_sd", "n")
 RADII = "R"
 #: Column of the record's id, in a schedule of records and in trials.parquet.
 RECORD_COLUMN = "record"
-#: Smallest distance over rotor radius.
-NEAREST = 1e-4
-#: Values of plain columns: whether one is possible, what it is not, and what it is.
-PLAIN: dict[str, tuple[Callable[[float], bool], str, str]] = {
-    "approach": (
-        lambda x: x in (-1.0, 0.0, 1.0),
-        "side",
-        "approach is +1 when the last move was away from the boundary, -1 towards it",
-    ),
-    "n": (lambda x: x >= 1 and x.is_integer(), "number of samples", "n is a whole number from 1"),
-}
+#: Smallest distance over rotor radius; and the least of the farthest trial of a boundary.
+NEAREST, LEAST_FARTHEST = 1e-4, 1 / 50
 #: Full scale of a share, and the meaning of one that never exceeds 1 %.
 SHARES = {
     "throttle": ("full throttle", "at which no rotor lifts anything"),
@@ -113,8 +104,8 @@ BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.s
 SETTINGS = ("trial", "boundary", "z_hat", "z_m", "throttle")
 #: Names that a further column must not have.
 OF_TRIALS = (
-    *(
-        *SETTINGS,
+    *SETTINGS,
+    *[
         "lift_N",
         "u_lift_N",
         "u_zero_N",
@@ -125,12 +116,10 @@ OF_TRIALS = (
         "sd_N",
         "quality",
         "visit",
-        "source_sha256",
-        "source",
-    ),
-    *("samples", "completeness", "fault"),
+    ],
+    *["source_sha256", "source", "samples", "completeness", "fault"],
 )
-RESERVED = {*OF_TRIALS} | {k.inside for k in KNOWN} | {"u_height_m"}
+RESERVED = {*OF_TRIALS, "u_height_m"} | {k.inside for k in KNOWN}
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,15 +168,12 @@ class TextColumn:
 
     def si(self, *, blank: bool = True) -> FloatArray:
         """The cells in SI, by the column's unit."""
-        known = BY_NAME[self.name]
-        if not (unit := self.unit or known.own_unit):
-            usual = units.SI[known.dimension].replace("dimensionless", "percent")
-            raise ManifestError(
-                "trials.units",
-                f"the column {self.name!r} has no unit",
-                f'add {self.name} = "..." (such as "{usual}") under [trials.units]',
-            )
-        factor, offset = units.to_si(unit, known.dimension, f"trials.units.{self.name}")
+        dimension = BY_NAME[self.name].dimension
+        if not (unit := self.unit or BY_NAME[self.name].own_unit):
+            usual = units.SI[dimension].replace("dimensionless", "percent")
+            remedy = f'add {self.name} = "..." (such as "{usual}") under [trials.units]'
+            raise ManifestError("trials.units", f"the column {self.name!r} has no unit", remedy)
+        factor, offset = units.to_si(unit, dimension, f"trials.units.{self.name}")
         return factor * self.numbers(blank=blank) + offset
 
 
@@ -255,20 +241,18 @@ def read_columns(campaign: Campaign, root: Path) -> tuple[dict[str, TextColumn],
         key, cell, unit = f"trials.constants.{name}", str(value).strip(), given.get(name, "")
         if name in columns:
             raise ManifestError(key, f"is also a column of {path.name}", "keep one of them")
-        known, is_number = BY_NAME.get(name), NUMBER.fullmatch(cell) or not isinstance(value, str)
+        dimension = dimension_of(name)
+        is_number = NUMBER.fullmatch(cell) or not isinstance(value, str)
         # a constant may have a unit of its own
-        if known and known.dimension and not is_number and not (name == "start" and "T" in cell):
-            cell = repr(units.quantity(value, known.dimension, key))
-            unit = units.SI[known.dimension]
+        if dimension and not is_number and not (name == "start" and "T" in cell):
+            cell, unit = repr(units.quantity(value, dimension, key)), units.SI[dimension]
         columns[name] = TextColumn(name, [cell] * len(rows), "campaign.toml", unit=unit)
     last = re.split(r"[\r\n]", text)[-1]
-    if not last.strip():
-        return columns, []
     note = (
         f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
         " row is wrong and more may be lost; end the line"
     )
-    return columns, [note]
+    return columns, [note] if last.strip() else []
 
 
 def _text_of(path: Path) -> str:
@@ -315,18 +299,17 @@ def _rows_of(path: Path, text: str) -> tuple[list[str], list[int], list[list[str
         remedy = "the first line names the columns, then one line per trial, in run order"
         raise InputRefused(str(path), what, remedy)
     header = rows[0]
+    uneven = [k for k, row in enumerate(rows) if len(row) != len(header)]
+    wrong, what = uneven[0] if uneven else 0, ""
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
+        wrong, what = 0, "is not separated by commas"
         remedy = "save it with commas between cells and points in decimals"
-        raise InputRefused(str(path), "is not separated by commas", remedy)
-    what = remedy = ""
-    if twice := sorted(n for n, k in Counter(header).items() if k > 1):
-        what, remedy = f"the column {twice[0]!r} is there twice", "rename or drop one"
-    if "" in header:
-        what = f"column {header.index('') + 1} has no name"
+    elif "" in header:
+        wrong, what = 0, f"column {header.index('') + 1} has no name"
         remedy = "name it, or take the extra comma away"
-    wrong = 0
-    if not what and (uneven := [k for k, row in enumerate(rows) if len(row) != len(header)]):
-        wrong = uneven[0]
+    elif twice := sorted(n for n, k in Counter(header).items() if k > 1):
+        wrong, what, remedy = 0, f"the column {twice[0]!r} is there twice", "rename or drop one"
+    elif uneven:
         what = f"has {len(rows[wrong])} cells under {len(header)} column names"
         remedy = "correct that line (a decimal comma makes two cells of one)"
     if what:
@@ -343,9 +326,7 @@ def columns_from_record(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
 
     `ManifestError` for an unknown name, a missing unit, and one name twice.
     """
-    columns: dict[str, tuple[ColumnOfRecord, str]] = {}
-    if cut.level is not None:
-        columns[cut.becomes] = cut.level, "segments"
+    columns = {cut.becomes: (cut.level, "segments")} if cut.level is not None else {}
     for name, column in cut.columns.items():
         key = f"segments.columns.{name}"
         if name not in BRINGABLE:
@@ -409,7 +390,7 @@ def of_columns(
         if name in ("trial", "boundary", "distance"):
             continue
         if name in BY_NAME:
-            covariates[BY_NAME[name].inside] = _values(campaign, column, name in missing)
+            covariates[BY_NAME[name].inside] = _values(column, name in missing)
             continue
         if name in RESERVED:
             what = f"the column {name!r} has the name of a result"
@@ -428,9 +409,8 @@ def of_columns(
         notes += _backwards(columns["start"], covariates["start_s"], session)
     reached = covariates.pop("reached_m", None)
     if reached is not None:
-        offsets = {
-            side: campaign.distance_reference(side).offset_m for side in {*boundary} - {"none"}
-        }
+        sides = {*boundary} - {"none"}
+        offsets = {side: campaign.distance_reference(side).offset_m for side in sides}
         reached = reached + [offsets.get(side, 0.0) for side in boundary]
     if "sidewall" in boundary and campaign.distance_reference("sidewall").datum == "rotor plane":
         notes.append(
@@ -462,12 +442,12 @@ def _check_names(
             hint = did_you_mean(name, [*columns, *BY_NAME]) or f"columns are {', '.join(columns)}"
             raise ManifestError(f"trials.units.{name}", "no column has that name", hint)
     free_air = "boundary" in columns and {*columns["boundary"].texts} == {"none"}
-    for name in REQUIRED:
-        if name not in columns and name not in missing and not (name == "distance" and free_air):
-            hint = did_you_mean(name, [c for c in columns if c not in BY_NAME])
-            add_it = f"add it, or set it for all under [trials.constants]: {name} = ..."
-            remedy = hint.replace("did you mean", "is it") or add_it
-            raise ManifestError(str(path), f"has no column {name!r}", remedy)
+    lacking = [n for n in REQUIRED if not (n in columns or n in missing)]
+    for name in (n for n in lacking if n != "distance" or not free_air):
+        hint = did_you_mean(name, [c for c in columns if c not in BY_NAME])
+        add_it = f"add it, or set it for all under [trials.constants]: {name} = ..."
+        remedy = hint.replace("did you mean", "is it") or add_it
+        raise ManifestError(str(path), f"has no column {name!r}", remedy)
     reader, means = campaign.records.reader, [name for name in MEANS if name in columns]
     if reader == "means" and "lift" not in means:
         remedy = 'reader = "means" takes the mean lift of every trial from it; add lift, and its'
@@ -503,43 +483,41 @@ def _boundaries(column: TextColumn) -> NDArray[Any]:
     return np.array(column.texts, dtype=object)
 
 
-def _values(campaign: Campaign, column: TextColumn, blank: bool) -> NDArray[Any]:
+def _values(column: TextColumn, blank: bool) -> NDArray[Any]:
     """A known column in SI; refuses values that it cannot have, and blanks unless `blank` where
     every trial needs one.
     """
-    name, known = column.name, BY_NAME[column.name]
-    if known.kind == "text":
+    name, kind, unit = column.name, BY_NAME[column.name].kind, column.unit
+    if kind == "text":
         return np.array(column.texts, dtype=object)
-    if known.kind == "plain":
-        values = column.numbers()
-        possible, kind, remedy = PLAIN.get(name, (lambda _: True, "", ""))
-        for i in np.flatnonzero(np.isfinite(values)).tolist():
-            if not possible(float(values[i])):
-                raise column.refusal(i, f"{column.texts[i]!r} is not a {kind}", remedy)
-        return values
-    if name == "start" and not column.unit:
+    if name == "start" and not unit:
         return _seconds_since_first(column)
-    if name == "tare_after" and column.unit == "count":
-        force = campaign.records.force
-        if force is None:
-            what = "is in counts, but [records] has no force channel"
-            raise ManifestError("trials.units.tare_after", what, "give it in a unit of force")
-        factor, zero = force.linear()
-        return np.asarray(factor * (column.numbers() - zero))
+    if kind == "plain":
+        values = column.numbers()
+        possible, what = np.ones(len(values), dtype=bool), ""
+        if name == "approach":
+            possible, what = np.isin(values, (-1, 0, 1)), "side"
+            remedy = "approach is +1 when the last move was away from the boundary, -1 towards it"
+        elif name == "n":
+            possible, what = (values >= 1) & (values % 1 == 0), "number of samples"
+            remedy = "n is a whole number from 1"
+        for i in np.flatnonzero(np.isfinite(values) & ~possible).tolist():
+            raise column.refusal(i, f"{column.texts[i]!r} is not a {what}", remedy)
+        return values
     values = column.si(blank=blank or name not in ("lift", "throttle"))
     if name not in SHARES:
         return values
     # a share outside 0 to 1, or never above 1 %, has another unit
     whole, too_little = SHARES[name]
     for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
-        cell, unit = column.texts[i], column.unit
-        other = [u for u in units.plausible(float(cell), known.dimension, 0.0, 1.0) if u != unit]
+        cell, dimension = column.texts[i], dimension_of(name)
+        other = [u for u in units.plausible(float(cell), dimension, 0.0, 1.0) if u != unit]
         remedy = f"{other[0]}?" if other else f"{name} is a part of {whole}"
         what = f"a {name} of {cell} {unit} is not between 0 and 1"
         raise column.refusal(i, what, remedy, InputRefused)
     i = int(np.argmax(np.nan_to_num(values)))
-    if column.unit != "fraction" and 0 < values[i] <= 0.01 + 1e-9:
-        what = f"the largest {name} is {column.texts[i]} {column.unit}, {too_little}"
+    if unit != "fraction" and 0 < values[i] <= 0.01 + 1e-9:
+        what = f"the largest {name} is {column.texts[i]} {unit}, {too_little}"
         remedy = f"fraction? then correct {name} under [trials.units]"
         raise column.refusal(i, what, remedy, InputRefused)
     return values
@@ -572,7 +550,7 @@ def _distances(
     """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air, NaN where a cell is
     blank and may be; refuses impossible distances.
     """
-    free = boundary == "none"
+    free, r = boundary == "none", campaign.vehicle.rotor_radius
     if column is None:
         return np.full(len(boundary), np.inf)
     recorded = column.numbers()
@@ -583,26 +561,22 @@ def _distances(
         if not blank:
             remedy = "every trial at a boundary needs its distance; free air is boundary none"
             raise column.blank(i, remedy)
-    in_radii = column.unit == RADII
-    metres = campaign.vehicle.rotor_radius * recorded if in_radii else column.si()
-    z_m = np.where(free, np.inf, metres)
+    z_m = np.where(free, np.inf, r * recorded if column.unit == RADII else column.si())
     for side in BOUNDARIES:
         here = np.flatnonzero((boundary == side) & np.isfinite(recorded))
         if len(here):
-            offset = campaign.distance_reference(side).offset_m
-            z_m[here] += offset
-            _check_arena(campaign, column, recorded, z_m, here, side, offset)
+            z_m[here] += campaign.distance_reference(side).offset_m
+            _check_arena(campaign, side, column, recorded, z_m, here)
     return z_m
 
 
 def _check_arena(
     campaign: Campaign,
+    side: Boundary,
     column: TextColumn,
     recorded: FloatArray,
     z_m: FloatArray,
     here: IntArray,
-    side: Boundary,
-    offset: float,
 ) -> None:
     """Refuse distances beyond the arena or behind the boundary.
 
@@ -610,26 +584,25 @@ def _check_arena(
     at least a fiftieth of a radius away.
     """
     arena, r, unit = campaign.rig.arena, campaign.vehicle.rotor_radius, column.unit
-    farthest, nearest = (int(here[place(z_m[here])]) for place in (np.argmax, np.argmin))
-    far, near = (f"{column.texts[i]} {unit}" for i in (farthest, nearest))
-    where, remedy = farthest, "correct distance under [trials.units], or the schedule"
+    ends = here[[np.argmin(z_m[here]), np.argmax(z_m[here])]]
+    (nearest, farthest), offset = ends.tolist(), campaign.distance_reference(side).offset_m
+    remedy = "correct distance under [trials.units], or the schedule"
+    far = f"{column.texts[farthest]} {unit} is"
     if arena is not None and z_m[farthest] > arena:
-        ends = recorded[here].min(), recorded[here].max()
-        what = f"{far} is outside the {arena:g} m arena"
-        what += _other_units(ends, r / 50 - offset, arena - offset, unit)
+        other = _other_units(recorded[ends], r * LEAST_FARTHEST - offset, arena - offset, unit)
+        what = f"{far} outside the {arena:g} m arena{other}"
         remedy = "correct distance under [trials.units], the schedule, or [rig] arena"
-    elif z_m[nearest] <= NEAREST * r:
+        raise column.refusal(farthest, what, remedy, InputRefused)
+    if z_m[nearest] <= NEAREST * r:
         into = f"{-1e3 * z_m[nearest]:.3g} mm into the {side}"
         place = into if z_m[nearest] < 0 else f"on the {side} itself"
-        what = f"{near} with an offset of {1e3 * offset:g} mm puts the rotor {place}"
-        where, remedy = nearest, "correct [rig] distance_datum and distance_offset, or the schedule"
-    elif z_m[farthest] < r / 50:
-        ratio = z_m[farthest] / r
-        what = f"{far} is the farthest from the {side}, {ratio:.2g} of a rotor's radius"
+        near = f"{column.texts[nearest]} {unit} with an offset of {1e3 * offset:g} mm"
+        remedy = "correct [rig] distance_datum and distance_offset, or the schedule"
+        raise column.refusal(nearest, f"{near} puts the rotor {place}", remedy, InputRefused)
+    if z_m[farthest] < r * LEAST_FARTHEST:
+        what = f"{far} the farthest from the {side}, {z_m[farthest] / r:.2g} of a rotor's radius"
         what += _other_units(recorded[[farthest]], r, arena or 100 * r, unit)
-    else:
-        return
-    raise column.refusal(where, what, remedy, InputRefused)
+        raise column.refusal(farthest, what, remedy, InputRefused)
 
 
 def _other_units(values: Iterable[float], low: float, high: float, unit: str) -> str:
