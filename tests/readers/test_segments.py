@@ -305,6 +305,8 @@ WINDOWS: dict[str, Any] = {"column": None, "cut": "windows"}
         ({}, {"records": {"reader": "means"}}, "has none"),
         ({**WINDOWS, "length": "3 s"}, {"load_cell": {"tare": "level 0"}}, "lowest level"),
         ({"settel": "1 s"}, {}, "settel: unknown key; did you mean 'settle'?"),
+        ({"by": "throttle"}, {}, 'segments.by: was renamed; write column = "...", or cut ='),
+        ({"hold": 0.2}, {}, "segments.hold: was renamed; write tolerance"),
     ],
 )
 def test_a_manifest_that_contradicts_itself(

@@ -47,6 +47,13 @@ MOST_BYTES = 1 << 19
 MOST_FAULTS = 50
 #: Placeholder of `nearlift new` for values to fill in.
 BLANK = "FILL IN"
+#: Keys that were renamed, and what to write instead.
+RENAMED = {
+    "segments.by": 'column = "...", or cut = "plateaus" or "windows"',
+    "segments.maps": "becomes",
+    "segments.only": "keep_where",
+    "segments.hold": "tolerance",
+}
 # a dotted key of nine parts; a manifest needs four, and the parser takes their square in time
 _DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){8}[\w"'-]""")
 Kind = TypeVar("Kind", bound=BaseModel)
@@ -262,6 +269,8 @@ def _explain(error: Any, kind: type[BaseModel]) -> str:
         if not re.fullmatch(r"float|str|.*(?:function|\[).*", str(part))
     ]
     key, value = ".".join(map(str, location)) or "manifest", error["input"]
+    if key in RENAMED:
+        return f"{key}: was renamed; write {RENAMED[key]}"
     if error["type"] == "extra_forbidden":
         known = _known_keys(kind, location[:-1])
         hint = did_you_mean(str(location[-1]), known) or f"known here: {', '.join(known)}"
