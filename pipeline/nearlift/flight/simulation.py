@@ -52,22 +52,15 @@ def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
     Raises
     ------
     InputRefused
-        The range is empty, or a ratio has no positive value somewhere in it. Such a ratio
-        has a singularity, or a bound below the model's validity.
+        A ratio has no positive value somewhere in it.
     """
-    refused = functools.partial(InputRefused, "simulate.bound_z_hat")
-    if not low < TOP:
-        what = f"{low:g} leaves no range: above z_hat = {TOP:g} lift is constant"
-        raise refused(what, f"bound the ratio below {TOP:g}")
     z_hat = np.linspace(low, TOP, NODES)
     with np.errstate(invalid="ignore", divide="ignore"):
         values = np.stack([ratio(z_hat) for ratio in ratios])
     bad = ~(np.isfinite(values) & (values > 0))
     if bad.any():
-        where = f"{z_hat[bad.any(axis=0)].max():.3g}"
-        raise refused(
-            f"L / L_inf has no value at z_hat = {where}", f"bound the ratio above {where}"
-        )
+        what = f"L / L_inf has no value at z_hat = {z_hat[bad.any(axis=0)].max():.3g}"
+        raise InputRefused("simulate", what, "choose another `base`")
     return Curves(low=low, values=values)
 
 
