@@ -72,17 +72,6 @@ roll_inertia = "1.6e-5 kg*m^2"
 
 [detect]
 supply = ["0 percent", "2 percent"]
-
-[[detect.reading]]
-boundary = "ground"
-throttle = "49.5 percent"
-u        = "0.2 percent"
-weight   = "1 percent"
-
-[[detect.reading]]
-boundary = "ceiling"
-ratio    = 1.08
-u        = "1 percent"
 """
 
 
