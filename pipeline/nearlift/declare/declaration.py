@@ -270,3 +270,8 @@ class Effect(Declaration):
     def forms(self) -> tuple[Effect, ...]:
         """Its forms, itself the first."""
         return (self, *self.other_forms)
+
+    def at_lift(self, lift_N: float) -> Effect:
+        """The effect with the bounds and priors of a campaign of this median lift, N."""
+        parameters = tuple(p.at_lift(lift_N) for p in self.parameters)
+        return self if parameters == self.parameters else replace(self, parameters=parameters)

@@ -4,8 +4,9 @@ what it must reproduce.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from nearlift.errors import DeclarationError
@@ -91,6 +92,9 @@ class Parameter:
     per : str
         ``"session"``: one such number for each session, passed to `evaluate` already spread over
         the trials.
+    usual_lift_N : float
+        Largest median lift at which bounds and prior hold. Beyond it both grow in proportion to
+        lift, as the errors of larger load cells do.
     """
 
     name: str
@@ -101,6 +105,7 @@ class Parameter:
     meaning: str
     grid: tuple[float, ...] = ()
     per: Literal["", "session"] = ""
+    usual_lift_N: float = math.inf
 
     def __post_init__(self) -> None:
         low, high = self.bounds
@@ -116,6 +121,15 @@ class Parameter:
                 "has no meaning",
                 "say in one sentence what it is, with its sign",
             )
+
+    def at_lift(self, lift_N: float) -> Parameter:
+        """The parameter for a campaign of this median lift, N."""
+        factor = lift_N / self.usual_lift_N
+        if not factor > 1:
+            return self
+        low, high = self.bounds
+        prior = replace(self.prior, scale=factor * self.prior.scale)
+        return replace(self, bounds=(factor * low, factor * high), prior=prior)
 
 
 @dataclass(frozen=True, slots=True)

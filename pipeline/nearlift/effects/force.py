@@ -8,6 +8,9 @@ import numpy as np
 
 from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal, null
 
+#: Median lift up to which a cell of 1 kgf serves. Zero errors are a share of the cell's range.
+USUAL_LIFT_N = 1.0
+
 
 def zero_offset(lift: Any, /, *, zero_N: Any) -> Any:
     """Force: a tare error common to all trials.
@@ -61,7 +64,8 @@ def zero_drift(
     Convention: zero_drift_N > 0 reads too much lift later in the session; nothing at its first
     trial.
 
-    Size on a Crazyflie: 0.1 gf/K over a few kelvin, 0 to 1 gf (10 mN), with 60 to 1800 s.
+    Size on a Crazyflie: 0.1 gf/K over a few kelvin, 0 to 1 gf (10 mN), with 60 to 1800 s. Above a
+    median lift of 1 N prior and bounds grow in proportion to it.
 
     Confounded with warm_up (in proportion to lift rather than the same at every throttle),
     cell_creep and zero_temperature.
@@ -78,7 +82,7 @@ ZERO_DRIFT = Effect(
     parameters=(
         Parameter("zero_drift_N", "N", 0.0, (-0.05, 0.05), normal(0.0, 0.004),
             "zero long after the start of a session less that at its start; positive reads too"
-            " much lift later"),
+            " much lift later", usual_lift_N=USUAL_LIFT_N),
         Parameter("zero_drift_s", "s", 400.0, (30.0, 4000.0),
             Prior(distribution="lognorm", shape=(0.9,), scale=400.0),
             "time over which the zero settles to 1/e", grid=(100.0, 400.0, 1600.0)),
@@ -109,7 +113,8 @@ def zero_temperature(
     Convention: zero_N_per_K > 0 reads too much lift when warm. temperature_ref_K is the campaign's
     median. The recorded temperature is the air's; the cell's follows it with a delay.
 
-    Size on a Crazyflie: 0 to 0.3 gf/K (3 mN/K); 0.1 gf/K is 0.4 % of the weight per kelvin.
+    Size on a Crazyflie: 0 to 0.3 gf/K (3 mN/K); 0.1 gf/K is 0.4 % of the weight per kelvin. Above a
+    median lift of 1 N prior and bounds grow in proportion to it.
 
     Confounded with air_density (in proportion to lift), zero_drift and gain_drift over a day that
     warms up.
@@ -125,7 +130,8 @@ ZERO_TEMPERATURE = Effect(
     separated_by="several throttles at each temperature, and motors-off records",
     parameters=(
         Parameter("zero_N_per_K", "N/K", 0.0, (-0.01, 0.01), normal(0.0, 0.0015),
-            "change of zero per kelvin; positive reads too much lift when warm"),
+            "change of zero per kelvin; positive reads too much lift when warm",
+            usual_lift_N=USUAL_LIFT_N),
     ),
     source=Source("Physics of the bench",
         doubts=("0 to 0.3 gf/K is the range of cheap cells of 1 kgf.",)),

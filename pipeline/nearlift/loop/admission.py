@@ -110,8 +110,9 @@ def could_act(
     """
     library = catalogue.effects() if effects is None else effects
     taken = {p.name for p in base.parameters}
+    lift_N = float(np.median(data.lift_N))
     library = tuple(
-        e
+        e.at_lift(lift_N)
         for e in library
         if data.boundary in e.boundaries
         and not taken & {p.name for p in e.parameters}

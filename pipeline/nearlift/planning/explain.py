@@ -81,9 +81,12 @@ def _at(
     for lacking in forecast.untestable:
         if lacking.effect == effect.name:
             return NoCandidate(needs=lacking.needs, log_next_time=lacking.log_next_time)
-    if effect.name not in {e.name for e in forecast.effects}:
+    known = {e.name: e for e in forecast.effects}
+    if effect.name not in known:
         reason = "it does not occur at this boundary, or the base model holds it already"
         return NoCandidate(needs=(), log_next_time=(), reason=reason)
+    # its sizes are those of this campaign's lift
+    effect = known[effect.name]
     problem = forecast.problem
     rate = problem.options.false_alarm_rate
     common: dict[str, Any] = {

@@ -134,7 +134,8 @@ def _is_at_bound(effect: str, parameter: str, value: float) -> bool:
     for p in (p for form in forms for p in form.parameters):
         if p.name == parameter.partition("[")[0]:
             low, high = p.bounds
-            return min(value - low, high - value) < AT_BOUND * (high - low)
+            # of a larger rig the bounds are wider than declared
+            return abs(min(value - low, high - value)) < AT_BOUND * (high - low)
     return False
 
 
