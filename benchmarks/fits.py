@@ -95,9 +95,10 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
     """From resampled lifts to coefficients, the whitening included."""
     import numpy as np
 
-    from nearlift.fit.solver import System, minimise
+    from nearlift.fit.solver import minimise, system_at
     from nearlift.likelihood.covariance import Covariance
     from nearlift.likelihood.problem import Likelihood
+    from nearlift.likelihood.stations import Stations
     from nearlift.models.images import SANCHEZ_CUEVAS_FREE_EXPONENT as MODEL
     from nearlift.results import Observations
 
@@ -126,22 +127,13 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
             shared=np.full((n, 1), 0.002),
         )
         problem = Likelihood(model=MODEL, data=trials, covariance=covariance)
-        white = problem.project(found["y"][:count])
-
-        def residuals(theta: Any, rows: Any) -> Any:
-            return part[rows] - problem.project(problem.log_ratio(theta))
-
-        def derivatives(theta: Any, _: Any) -> Any:
-            return -problem.project(problem.slopes(theta))
-
-        parts = []
-        # a batch that stays in a processor's cache
-        for part in np.array_split(white, -(-len(white) * n * 3 // 200_000)):
-            start = np.tile([2.0, 1.0], (len(part), 1))
-            scale = np.array([0.1, 0.05])
-            system = System(residuals, derivatives)
-            parts.append(minimise(system, start, problem.model.bounds, scale).theta)
-        return np.concatenate(parts)
+        stations, scale = Stations.from_problem(problem), np.array([0.1, 0.05])
+        target = stations.target(found["y"][:count])
+        theta = np.tile([2.0, 1.0], (len(target), 1))
+        for some in stations.batches(len(target)):
+            system = system_at(stations, target[some])
+            theta[some] = minimise(system, theta[some], MODEL.bounds, scale).theta
+        return theta
 
     # so many that the compiled code is loaded before the clock starts
     work(300)

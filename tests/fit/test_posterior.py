@@ -3,7 +3,6 @@
 False-alarm rates are given where there are any.
 """
 
-import dataclasses
 import re
 
 import numpy as np
@@ -19,7 +18,6 @@ from nearlift.fit.density import Density
 from nearlift.fit.least_squares import fit
 from nearlift.fit.posterior_summary import compare_with_fit, compare_with_prior
 from nearlift.fit.prior import TruncatedPrior
-from nearlift.likelihood.stations import Stations
 from nearlift.results import Noise
 
 NOISE = Noise(relative=0.005, force_N=3e-4, height_m=1e-4)
@@ -50,38 +48,6 @@ def density(model="sanchez_cuevas", seed=1, dof=np.inf, **more):
     model = catalogue.model(model) if isinstance(model, str) else model
     found = fit(model, simulated.campaign(seed, boundary=model.boundary, **more), scatter=NOISE)
     return Density(problem=found.problem, centre=found.theta, dof=dof), found
-
-
-@pytest.mark.parametrize(
-    "name", ["sanchez_cuevas", "sanchez_cuevas_free_exponent", "cheeseman_bennett_fixed"]
-)
-def test_stations_give_the_very_same_chi2(name):
-    target, found = density(name)
-    theta = found.theta + 0.3 * np.random.default_rng(1).standard_normal((7, len(found.theta)))
-    stations = Stations.from_problem(target.problem)
-    assert len(stations.at.data.z_hat) == len(simulated.STATIONS)
-    np.testing.assert_allclose(stations.chi2(theta), target.problem.chi2(theta), rtol=1e-9)
-    np.testing.assert_allclose(
-        stations.log_levels(theta), [target.problem.log_levels(t)[0] for t in theta], rtol=1e-10
-    )
-    many = dataclasses.replace(stations, triangle=None, level_rows=None)
-    np.testing.assert_allclose(many.chi2(theta), stations.chi2(theta), rtol=1e-9)
-    np.testing.assert_allclose(many.log_levels(theta), stations.log_levels(theta), rtol=1e-10)
-
-
-def test_trials_that_all_stand_elsewhere_are_their_own_stations():
-    data = simulated.campaign(1)
-    problem = dataclasses.replace(
-        density()[0].problem,
-        data=dataclasses.replace(data, z_hat=data.z_hat * np.linspace(1, 1.01, data.n)[::-1]),
-    )
-    theta = np.array([[1.5], [2.0], [1e9]])
-    stations = Stations.from_problem(problem)
-    assert stations.triangle is None
-    np.testing.assert_allclose(stations.chi2(theta), problem.chi2(theta), rtol=1e-9)
-    np.testing.assert_allclose(
-        stations.log_levels(theta), [problem.log_levels(t)[0] for t in theta], rtol=1e-10
-    )
 
 
 def test_the_likelihood_integrates_l_inf_out():

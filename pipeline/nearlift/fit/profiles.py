@@ -16,6 +16,7 @@ from nearlift.declare import FloatArray
 from nearlift.fit import solver
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
+from nearlift.likelihood.stations import Stations
 from nearlift.results.fit import ProfileIntervals
 from nearlift.results.quotation import LEVELS
 
@@ -57,10 +58,11 @@ def likelihood_profiles(fit: LeastSquaresFit) -> tuple[Profile, ...]:
     """The profile of every coefficient that the trials determine."""
     sd = np.sqrt(np.diag(fit.covariance))
     known = [i for i, e in enumerate(fit.estimates.values()) if np.isfinite(e.u) and sd[i] > 0]
-    return tuple(_profile(fit, i, sd) for i in known)
+    stations = Stations.from_problem(fit.problem)
+    return tuple(_profile(fit, i, sd, stations) for i in known)
 
 
-def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
+def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray, stations: Stations) -> Profile:
     (low, high), dof = fit.model.parameters[i].bounds, float(fit.effective[i])
     centre = float(np.clip(fit.theta[i], low, high))
     grids = [
@@ -70,7 +72,7 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
     value, chi2 = np.empty(0), np.empty(0)
     for _ in range(1 + WIDENINGS):
         further = np.concatenate(grids)
-        value, chi2 = np.r_[value, further], np.r_[chi2, _along(fit, i, further, sd)]
+        value, chi2 = np.r_[value, further], np.r_[chi2, _along(fit, i, further, sd, stations)]
         order = np.argsort(value, kind="stable")
         # a parabola between values that differ only by rounding would be noise
         order = order[np.diff(value[order], prepend=-np.inf) > SAME * sd[i]]
@@ -98,15 +100,18 @@ def _threshold(level: int, dof: float) -> float:
     return student.quantile(0.5 + level / 200, dof) ** 2
 
 
-def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
-    """Least chi2 at each value of coefficient i."""
-    problem = fit.problem
+def _along(
+    fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray, stations: Stations
+) -> FloatArray:
+    """Least chi2 at each value of coefficient i, less a constant."""
     line = fit.covariance[i] / fit.covariance[i, i]
     start = fit.theta + (value - fit.theta[i])[:, None] * line
     start[:, i] = value
     free = np.arange(len(fit.theta)) != i
     scale = np.where(sd > 0, sd, 1.0)
-    return solver.minimise(solver.system(problem), start, problem.model.bounds, scale, free).chi2
+    target = np.tile(stations.target(np.log(fit.problem.data.lift_N)), (len(value), 1))
+    system = solver.system_at(stations, target)
+    return solver.minimise(system, start, fit.model.bounds, scale, free).chi2
 
 
 def _intervals(value: FloatArray, rise: FloatArray, dof: float) -> ProfileIntervals:

@@ -19,6 +19,7 @@ from nearlift import derivative, isolation
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.likelihood.problem import Likelihood
+from nearlift.likelihood.stations import Stations
 from nearlift.results import IntArray
 
 #: Maximum number of steps of a search. Ours: good starts need about ten.
@@ -76,6 +77,18 @@ class System(NamedTuple):
 def system(problem: Likelihood) -> System:
     """System of a model's likelihood, the same for every row."""
     return System(lambda t, _: problem.residuals(t), lambda t, _: problem.derivatives(t))
+
+
+def system_at(stations: Stations, target: FloatArray) -> System:
+    """System of a likelihood at its stations for each row of `target` (m, r) by `Stations.target`.
+
+    Where stations repeat, chi2 of a row is less by what no parameter changes.
+    """
+
+    def residuals(theta: FloatArray, rows: IntArray) -> FloatArray:
+        return target[rows] - stations.white(stations.at.log_ratio(theta))
+
+    return System(residuals, lambda theta, _: -stations.white(stations.at.slopes(theta)))
 
 
 def solve(

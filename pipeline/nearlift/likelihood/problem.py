@@ -103,11 +103,13 @@ class Likelihood:
         return len(r), 2 * float(np.log(np.abs(np.diag(r))).sum())
 
     @property
-    def level_mean(self) -> FloatArray:
-        """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds
-        `d_shown_levels_d_theta` of its logarithm.
+    def d_shown_levels_d_lift(self) -> FloatArray:
+        """Change of log L_inf of each throttle per unit change of each trial's log lift, theta
+        held, (K, n).
         """
-        return self._shown_levels(np.log(self.data.lift_N))
+        q, r = self._levels
+        gain = np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
+        return self.data.shown(gain)
 
     def project(self, x: FloatArray) -> FloatArray:
         """Whiten along the last axis and remove what a free L_inf per throttle absorbs; a row with
@@ -120,6 +122,11 @@ class Likelihood:
             return white - (white @ q) @ q.T
 
         return where_finite(projected, x)
+
+    def unproject(self, x: FloatArray) -> FloatArray:
+        """Apply the transpose of `project` along the last axis."""
+        q, _ = self._levels
+        return self.covariance.unwhiten(x - (x @ q) @ q.T)
 
     @cached_property
     def _target(self) -> FloatArray:

@@ -234,10 +234,6 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
     if answer.problem.independent or not answers.names:
         return None
     problem, _ = _marginal_likelihood(answer, answers)
-    # the effects differ between trials of a station, and a density asks each station once
-    lift_N = problem.data.lift_N * np.exp(-problem.shift)
-    data = dataclasses.replace(problem.data, lift_N=lift_N)
-    problem = dataclasses.replace(problem, data=data, shift=0.0)
     value, u = answers.members[0][1]
     centre, _ = solve(problem, value)
     dof = max(float(answers.dof.min()), information.LEAST_DOF)
