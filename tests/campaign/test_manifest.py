@@ -74,14 +74,6 @@ def test_one_rotor_has_a_layout_and_no_spacing():
     assert set(good(rotors=1, rotor_spacing=None).geometry()) == {"layout_hat"}
 
 
-def test_positions_are_taken_as_they_are():
-    known = good(
-        rotors=2, rotor_spacing=None, rotor_positions=[["0 mm", "0 mm"], ["46 mm", "23 mm"]]
-    ).geometry()
-    np.testing.assert_allclose(known["layout_hat"], [[0, 0], [2, 1]])
-    assert "spacing_hat" not in known
-
-
 def test_no_geometry_is_invented():
     assert good(rotor_spacing=None).geometry() == {}
 

@@ -168,7 +168,6 @@ class Simulate(Section):
     presets: Annotated[list[Literal["paper", "converged"]], si.Distinct] = ["paper", "converged"]
     gains: dict[Flown, GainSet] = {}
     gusts: Gusts | None = None
-    lift_coefficient: Positive = 1.6
     set_points: dict[Flown, Annotated[list[Positive], Field(min_length=2), si.Ascending]] = {}
     draws: int = Field(default=16, ge=2, le=100_000)
     risks: Annotated[list[Probability], Field(min_length=1), si.Distinct] = [0.5, 0.01]

@@ -123,8 +123,8 @@ class Campaign(Section):
             known["layout_hat"] = circumradius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         if n > 1 and v.rotor_diagonal is not None:
             known["diagonal_hat"] = v.rotor_diagonal / r
-        if v.rotor_positions is not None or n == 1:
-            known["layout_hat"] = np.asarray(v.rotor_positions or [(0.0, 0.0)]) / r
+        if n == 1:
+            known["layout_hat"] = np.zeros((1, 2))
         around = {"gap_hat": self.rig.gap, "edge_hat": self.rig.edge}
         return known | {name: x / r for name, x in around.items() if x is not None}
 

@@ -66,7 +66,6 @@ class Vehicle(Section):
     rotor_radius: si.PositiveLength
     rotor_spacing: si.PositiveLength | None = None
     rotor_diagonal: si.PositiveLength | None = None
-    rotor_positions: list[si.Position] | None = None
     mass: si.Mass
     contact: dict[Boundary, si.Length] = {}
     thrust_limit: si.Force | None = None
@@ -84,10 +83,6 @@ class Vehicle(Section):
             raise ValueError(
                 f"rotor_diagonal {diagonal:g} m is less than rotor_spacing {spacing:g} m; the"
                 " spacing is that of ADJACENT rotors"
-            )
-        if self.rotor_positions is not None and len(self.rotor_positions) != self.rotors:
-            raise ValueError(
-                f"rotor_positions lists {len(self.rotor_positions)} rotors, not {self.rotors}"
             )
         return self
 

@@ -120,8 +120,7 @@ def _declared(u: Uncertainty, campaign: Campaign) -> Component:
     standard = u.standard()
     if not u.relative:
         standard /= campaign.nominal(u.on) or 1.0
-    given = {"diagonal_hat": vehicle.rotor_diagonal, "layout_hat": vehicle.rotor_positions}
-    moves = ("spacing_hat", *(name for name, value in given.items() if value is None))
+    moves = ("spacing_hat", *(() if vehicle.rotor_diagonal else ("diagonal_hat",)), "layout_hat")
     return Component(
         name=u.name,
         on=u.on,

@@ -104,9 +104,6 @@ class Degeneracy:
     text: str
     u_if_free: float | None = None
 
-    def __str__(self) -> str:
-        return self.text
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExcludedTrial:

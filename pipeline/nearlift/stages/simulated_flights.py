@@ -64,7 +64,7 @@ def _counting(job: Job, chosen: Simulate) -> Say:
     return say_step
 
 
-def vehicle(job: Job, chosen: Simulate) -> Craft:
+def vehicle(job: Job) -> Craft:
     """The campaign's vehicle as the simulation knows it."""
     v, rig = job.campaign.vehicle, job.campaign.rig
     fits = job.load(FitResults)
@@ -76,7 +76,7 @@ def vehicle(job: Job, chosen: Simulate) -> Craft:
         mass_kg=v.mass,
         gravity_m_s2=rig.gravity,
         density_kg_m3=rig.air_density or AIR,
-        C_L=chosen.lift_coefficient,
+        C_L=paper.CRAZYFLIE_AS_PRINTED.C_L,  # sets rotor speed, and no crash depends on that
         rotors=v.rotors,
         # a bench that never carried the weight does not show the largest lift
         most_lift_N=v.thrust_limit or (most if most > v.mass * rig.gravity else math.inf),
@@ -102,7 +102,7 @@ def _presets(job: Job, chosen: Simulate, key: int) -> tuple[dict[str, PresetFlig
 
 def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, FittedFlights], Rows]:
     """The campaign's models at each boundary, with their crash rates."""
-    craft = vehicle(job, chosen)
+    craft = vehicle(job)
     fitted: dict[Boundary, FittedFlights] = {}
     rates = Rows()
     for boundary in _flown(job):
