@@ -60,8 +60,9 @@ def test_the_likelihood_integrates_l_inf_out():
     target = Density(problem=found.problem, centre=found.theta)
     covariance, log_lift = found.problem.covariance.dense(), np.log(data.lift_N)
     theta = found.theta + 0.01
-    levels = np.linspace(-0.03, 0.03, 4001) + found.problem.log_levels(theta)[0]
-    rest = log_lift - found.problem.log_ratio(theta) - levels[:, None]
+    rest = log_lift - found.problem.log_ratio(theta)
+    levels = np.linspace(-0.03, 0.03, 4001) + found.problem.best_levels(rest)
+    rest = rest - levels[:, None]
     each = stats.multivariate_normal(np.zeros(data.n), covariance).logpdf(rest) - log_lift.sum()
     brute = np.log(np.exp(each - each.max()).sum() * (levels[1] - levels[0])) + each.max()
     assert target.log_likelihood(theta[None, :])[0] == pytest.approx(brute, abs=1e-5)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import collapse, deletion, information, least_squares, profiles
+from nearlift.fit import collapse, deletion, least_squares, profiles
 from nearlift.loop import diagnose as loop
 from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
@@ -37,12 +37,7 @@ def fitted(data):
     found = least_squares.fit(GROUND, data)
     profiles.likelihood_profiles(found)
     deletion.influence(found)
-
-    def freedom(g):
-        lines = information.lines(found.problem, g, found.parts, found.noise, found.slope)
-        return information.effective_dof(lines, found.noise)
-
-    collapse.examine(found.problem, found.theta, freedom)
+    collapse.examine(found)
 
 
 def reduced(data):

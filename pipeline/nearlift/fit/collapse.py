@@ -7,14 +7,12 @@ every pair of throttles has a simultaneous 95 % bound (Bonferroni).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.information import joint_information
+from nearlift.fit import information
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
-from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate
 from nearlift.results.fit import CollapseTest, LargestDeparture, ThrottleCollapse
 from nearlift.rounding import chance
@@ -23,23 +21,18 @@ from nearlift.rounding import chance
 CONFIDENCE = 0.95
 
 
-def examine(
-    problem: Likelihood, theta: FloatArray, freedom: Callable[[FloatArray], FloatArray]
-) -> ThrottleCollapse:
-    """Test the collapse at the optimum `theta` (p,) of a model common to all throttles.
+def examine(fit: LeastSquaresFit) -> ThrottleCollapse:
+    """Test of the collapse at the optimum of a model common to all throttles.
 
-    Parameters
-    ----------
-    freedom : callable
-        Effective degrees of freedom (m,) of linear estimators (m, n) of log lift. Errors common to
-        a visit cancel from contrasts between its throttles, whose degrees of freedom therefore
-        differ from the coefficient's.
+    Errors common to a visit cancel from contrasts between its throttles, whose degrees of freedom
+    therefore differ from the coefficient's.
     """
+    problem, theta = fit.problem, fit.theta
     data, k = problem.data, len(problem.data.levels)
     contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
     each = ((np.eye(k)[data.level] * problem.log_ratio(theta)[:, None]) @ contrast).T
     jacobian = problem.jacobian(theta)
-    joint = joint_information(problem, np.hstack([jacobian, each.T]))
+    joint = information.joint_information(problem, np.hstack([jacobian, each.T]))
     p = jacobian.shape[1]
     if k < 2 or not joint.determined[p:].all():
         text = "These trials cannot test whether Delta L depends on throttle."
@@ -48,7 +41,8 @@ def examine(
     scale = gain @ (np.log(data.lift_N) - problem.log_ratio(theta))
     # independent combinations of unit variance
     basis = np.linalg.cholesky(np.linalg.inv(covariance)).T
-    dof = student.several(freedom(basis @ gain))
+    lines = information.lines(problem, basis @ gain, fit.parts, fit.noise, fit.slope)
+    dof = student.several(information.effective_dof(lines, fit.noise))
     values, spread = contrast @ scale, contrast @ covariance @ contrast.T
     reach90 = student.quantile(0.95, dof)
     test = f_test(float(np.sum((basis @ scale) ** 2)), k - 1, dof)

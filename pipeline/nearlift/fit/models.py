@@ -9,14 +9,13 @@ from typing import Any
 from numpy.typing import NDArray
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import (
     collapse,
     deletion,
     held_quantity,
     influence,
-    information,
     inputs,
     profiles,
     rotor,
@@ -145,14 +144,8 @@ def _check_assumptions(results: FitResults, campaign: Campaign, fitted: LeastSqu
             problem, theta, reach90, campaign.rig.held
         )
 
-    def freedom(g: FloatArray) -> FloatArray:
-        lines = information.lines(problem, g, fitted.parts, fitted.noise, fitted.slope)
-        return information.effective_dof(lines, fitted.noise)
-
-    results.throttle_collapse[boundary] = collapse.examine(problem, theta, freedom)
-    results.rotor_coefficient[boundary] = rotor.examine(
-        campaign, problem, theta, fitted.covariance, responses
-    )
+    results.throttle_collapse[boundary] = collapse.examine(fitted)
+    results.rotor_coefficient[boundary] = rotor.examine(campaign, fitted, responses)
 
 
 def overdeclared(result: LeastSquaresFit) -> list[str]:

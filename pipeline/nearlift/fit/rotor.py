@@ -19,8 +19,8 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.effects.gain import STANDARD, density
 from nearlift.fit.held_quantity import Response, logged
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
-from nearlift.likelihood.problem import Likelihood
 from nearlift.results import Estimate, Observations
 from nearlift.results.fit import (
     RotorCoefficient,
@@ -72,16 +72,14 @@ def coefficient(
 
 def examine(
     campaign: Campaign,
-    problem: Likelihood,
-    theta: FloatArray,
-    covariance: FloatArray,
+    fit: LeastSquaresFit,
     responses: Sequence[Response],
 ) -> RotorCoefficient:
     """C_L per throttle from L_inf and the logged or mapped speed, or the `missing` inputs.
 
     The air's density is taken as exact: an error of it scales all C_L alike.
     """
-    data, vehicle = problem.data, campaign.vehicle
+    data, vehicle = fit.problem.data, campaign.vehicle
     measured, air = logged_speed(data, responses), air_density(campaign, data)
     if measured is None and vehicle.throttle_map is not None:
         mapped = vehicle.throttle_map.speed_Hz(data.levels)
@@ -90,8 +88,8 @@ def examine(
         return RotorUnknown(missing=("rpm",), text=NO_SPEED)
     if air is None:
         return RotorUnknown(missing=("air_density",), text=NO_DENSITY)
-    log_levels, given = problem.log_levels(theta)
-    toll = problem.d_shown_levels_d_theta(problem.jacobian(theta))
+    log_levels = data.shown(fit.level_coefficients)
+    covariance = fit.problem.shown_covariance(fit.level_covariance)[known][:, known]
     speed, u_log = (each[known] for each in measured)
     C_L = coefficient(
         np.exp(log_levels[known]),
@@ -101,7 +99,7 @@ def examine(
         rotors=vehicle.rotors,
     )
     # errors of speed are independent between throttles
-    whole = (given + toll @ covariance @ toll.T)[known][:, known] + np.diag((2 * u_log) ** 2)
+    whole = covariance + np.diag((2 * u_log) ** 2)
     law, u = trend(np.log(C_L), whole, np.log(speed)), C_L * np.sqrt(np.diag(whole))
     return RotorTrend(
         air_density=air,

@@ -156,11 +156,6 @@ class Likelihood:
         result: FloatArray = -0.5 * (self.chi2(theta) + constant)
         return result
 
-    def log_levels(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
-        rest = np.log(self.data.lift_N) - self.log_ratio(theta)
-        return self._shown_levels(rest), self.shown_covariance(self.level_covariance)
-
     def shown_covariance(self, covariance: FloatArray) -> FloatArray:
         """Covariance of log L_inf at each shown throttle, from that of the coefficients of
         `level_design`.
@@ -173,10 +168,6 @@ class Likelihood:
         _, r = self._levels
         inverse = np.linalg.inv(r)
         return np.asarray(inverse @ inverse.T, dtype=np.float64)
-
-    def _shown_levels(self, x: FloatArray) -> FloatArray:
-        """The level at each shown throttle, from rows of trials (..., n)."""
-        return self.data.shown(self.best_levels(x).T).T
 
     def best_levels(self, x: FloatArray) -> FloatArray:
         """Least-squares coefficients of `level_design` for rows of trials (..., n), (..., K).
@@ -191,16 +182,6 @@ class Likelihood:
             ),
             x,
         )
-
-    def d_shown_levels_d_theta(self, jacobian: FloatArray) -> FloatArray:
-        """Derivatives of log L_inf at each shown throttle by the parameters, from the Jacobian (n,
-        p).
-        """
-        return self.data.shown(self.d_levels_d_theta(jacobian))
-
-    def d_levels_d_theta(self, jacobian: FloatArray) -> FloatArray:
-        """Derivatives of the coefficients of `level_design` by the parameters, (K, p)."""
-        return -self.best_levels(jacobian.T).T
 
     def derivatives(self, theta: FloatArray) -> FloatArray:
         """Derivatives of `residuals` with respect to each parameter, (..., p, n)."""
