@@ -215,7 +215,7 @@ def test_v_sign_mends_a_flipped_component_and_thrust_an_inverted_vehicle(two):
         (
             'length_unit = "mm"',
             'scale = "20 um"',
-            'is not a length per pixel; write it as "20 um/px"',
+            'is no length per px, as "20 um/px" is',
         ),
         ('rate = "15 Hz"', 'rates = "15 Hz"', "unknown key; did you mean 'rate'"),
     ],

@@ -90,7 +90,9 @@ class Piv(PivConventions):
     def _cases_known(self) -> Self:
         cases = {c.name: c for c in self.case}
         if len(cases) != len(self.case):
-            raise ValueError(f"two cases have the same name; they are {', '.join(cases)}")
+            names = [c.name for c in self.case]
+            twice = sorted(n for n in cases if names.count(n) > 1)
+            raise ValueError(f"two cases have the same name: {', '.join(twice)}")
         for wanted in (self.control, *(self.figure3 or ())):
             if wanted not in cases:
                 raise ValueError(f"there is no case {wanted!r}; cases are {', '.join(cases)}")

@@ -36,14 +36,14 @@ def _quantity(dimension: str) -> BeforeValidator:
     return BeforeValidator(parse)
 
 
-def _per(name: str, dimension: str, example: str) -> BeforeValidator:
+def _per(names: tuple[str, ...], dimension: str, example: str) -> BeforeValidator:
     """Validator of a quantity per pixel or per count, a text such as `example`."""
 
     def parse(value: object) -> float:
         text, _, per = value.rpartition("/") if isinstance(value, str) else ("", "", "")
-        if per.strip() != name or units.measure(text)[0] in (None, 0.0):
+        if per.strip() not in names or units.measure(text)[0] in (None, 0.0):
             raise ValueError(
-                f'{brief(repr(value))} is no {dimension} per {name}, as "{example}" is'
+                f'{brief(repr(value))} is no {dimension} per {names[0]}, as "{example}" is'
             )
         with as_fault():
             return units.quantity(text, dimension, "")
@@ -94,8 +94,8 @@ DerivativeGain = Annotated[float, _quantity("derivative gain")]
 IntegralGain = Annotated[float, _quantity("integral gain")]
 #: Acceleration of free fall: 9.76 to 9.84 m/s^2 on this Earth, with room for rounding.
 Gravity = Annotated[float, _quantity("acceleration"), Field(ge=9.7, le=9.9)]
-PixelSize = Annotated[float, _per("px", "length", "20 um/px"), Field(gt=0)]
-ForcePerCount = Annotated[float, _per("count", "force", "0.0098 mN/count")]
+PixelSize = Annotated[float, _per(("px", "pix", "pixel"), "length", "20 um/px"), Field(gt=0)]
+ForcePerCount = Annotated[float, _per(("count",), "force", "0.0098 mN/count")]
 Counts = Annotated[float, BeforeValidator(_count)]
 # TOML has arrays and no tuples, which strict models would refuse
 Position = Annotated[tuple[Length, Length], Field(strict=False)]
