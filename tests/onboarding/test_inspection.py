@@ -96,6 +96,8 @@ def test_lost_samples_and_a_clock_without_a_unit_are_told_in_text_and_json(tmp_p
         (b"\x89HDF\r\n\x1a\nnothing", "cannot be read"),
         (b"t,F\n", "holds no channel of numbers"),
         (b"\xa3\x95\x80\x80", "is a DataFlash log"),
+        (b'{"t": 1, "F": 2}\n{"t": 2, "F": 3}\n', "is JSON, XML or lists"),
+        (b'[{"t": 1, "F": 2}, {"t": 2, "F": 3}]', "is JSON, XML or lists"),
     ],
 )
 def test_4_for_a_file_that_cannot_be_read(tmp_path, content, text):
@@ -109,6 +111,30 @@ def test_4_for_what_is_no_file(tmp_path):
     folder = nearlift("inspect", tmp_path).stderr
     assert "is not a regular file" in folder
     assert "`nearlift new DIR --from FOLDER` takes them all" in folder
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "clock"),
+    [
+        ("时间（秒）,推力（牛）", "N", "s"),
+        ('"Время, с","Тяга, Н"', "N", "s"),
+        ("Tempo (s),Empuxo (gf)", "gf", "s"),
+        ("Zeit [s],Last [kp]", "kgf", "s"),
+        ("Time (sec),Load (lbs)", "lbf", "s"),
+        ("Time (min),Thrust (kgs)", "kgf", "min"),
+    ],
+)
+def test_headers_in_other_tongues_and_units(
+    tmp_path: Path, header: str, unit: str, clock: str
+) -> None:
+    step = 0.01 / (60 if clock == "min" else 1)
+    rows = "".join(f"{step * i:.9f},{i % 7}\n" for i in range(120))
+    seen = tomllib.loads(
+        block(inspect(written.put(tmp_path, "a.csv", f"{header}\n{rows}".encode())))
+    )
+    assert seen["records"]["force"]["unit"] == unit
+    assert seen["records"]["time"]["unit"] == clock
+    assert seen["load_cell"]["sample_rate"] == "100 Hz"
 
 
 @pytest.mark.parametrize("sensors", [2, 3])

@@ -121,6 +121,31 @@ def test_counts_that_are_no_numbers_of_columns_stay_a_row() -> None:
         layout("Run 5,,\n7,9,4\n8,9,3\n")
 
 
+@pytest.mark.parametrize(
+    ("content", "names", "first"),
+    [
+        # row numbers of pandas and R
+        (",t,F\n0,0.1,2\n1,0.2,3\n", ("index", "t", "F"), 2),
+        ('"","t","F"\n"1",0.1,2\n"2",0.2,3\n', ("index", "t", "F"), 2),
+        # a rate above the names
+        ("Devices\n1000\n,Plate,,\nFrame,Fx,Fy,Fz\n,N,N,N\n1,2,3,4\n", ("Frame", "Fx", "Fy", "Fz"), 6),
+        ('"t","F"\n"0,5","1,25"\n"1,5","2,5"\n', ("t", "F"), 2),
+    ],
+)  # fmt: skip
+def test_headers_as_programs_write_them(content: str, names: tuple[str, ...], first: int) -> None:
+    shown = layout(content)
+    assert (shown.names, shown.first) == (names, first)
+
+
+def test_one_line_above_numbers_names_no_two_columns() -> None:
+    with pytest.raises(NoNames):
+        layout("=~= log of 2026.03.01 =~=\n0.1,2\n0.2,3\n")
+    with pytest.raises(InputRefused, match=r"has 3 cells under 2 .*\n.*skip = 1, columns"):
+        layout("t;F\n1;0.1;2\n2;0.2;3\n")
+    with pytest.raises(InputRefused, match="has one sign between cells and in numbers"):
+        layout("t,F\n1,2\n", Dialect(separator="comma", decimal=","))
+
+
 def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
     two = "1,5\n2,5\n"
     assert layout(two, Dialect(columns=("a", "b"))).separator == ","

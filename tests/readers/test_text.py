@@ -160,6 +160,25 @@ def test_units_that_differ_in_a_column_are_refused_with_their_line(tmp_path: Pat
         read(tmp_path, "t;F\n0;1,234 N\n1;2,345 N\n")
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("t,F\n1,\N{MINUS SIGN}1234.5\n2,7\n", {}),
+        ("t;F\n1;-1\N{NO-BREAK SPACE}234,5\n2;7\n", {"thousands": " "}),
+        ("t;F\n1;-1\N{NARROW NO-BREAK SPACE}234,5\n2;7\n", {"thousands": " "}),
+    ],
+)
+def test_signs_of_typesetters(tmp_path: Path, content: str, said: dict[str, str]) -> None:
+    assert values(read(tmp_path, content, said), 1) == [-1234.5, 7]
+
+
+def test_what_is_not_read_or_guessed_is_noted(tmp_path: Path) -> None:
+    noted = read(tmp_path, "t,Kraft [N],state\n1,0x10,on\n2,0x11,on\n").notes
+    assert noted == ("column 'Kraft [N]' is not read: '0x10' is no number that is known",)
+    (noted,) = read(tmp_path, "时间,推力\n1,2\n".encode("gbk")).notes
+    assert "text read as latin-1: if letters are wrong, state `encoding`" in noted
+
+
 def test_labelled_cells(tmp_path: Path) -> None:
     found = read(tmp_path, "T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n", {"labels": True})
     assert [c.name for c in found.channels] == ["T", "C"]
@@ -170,6 +189,14 @@ def test_labelled_cells(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputRefused, match=match):
             read(tmp_path, content, {"labels": True})
+
+
+def test_a_labelled_cell_with_its_unit(tmp_path: Path) -> None:
+    content = "HX711 demo\nready\nReading: -1.5 g\nReading: 2.5 g\n"
+    with pytest.raises(InputRefused, match=r"line 1: has no label\n.*skip = 1"):
+        read(tmp_path, content, {"labels": True})
+    (force,) = read(tmp_path, content, {"labels": True, "skip": 2}).channels
+    assert (force.name, force.unit, list(force.values)) == ("Reading", "g", [-1.5, 2.5])
 
 
 def test_labels_that_differ_are_no_text_column(tmp_path: Path) -> None:

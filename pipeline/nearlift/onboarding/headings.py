@@ -89,7 +89,7 @@ def likely_force(columns: Sequence[tuple[str, str]]) -> int | None:
 
 def _rank(heading: str, unit: str) -> int:
     plain = fold(named(heading)[0])
-    ranked = [len(WORDS["force"]) - i for i, word in enumerate(WORDS["force"]) if word in plain]
+    ranked = [len(WORDS["force"]) - i + 2 for i, word in enumerate(WORDS["force"]) if word in plain]
     force = max(ranked, default=len(words(heading) & {*WORDS["lift"]}))
     mean = 100 * says(heading, "mean")
     if says(heading, "command") or (says(heading, "motor") and not force):

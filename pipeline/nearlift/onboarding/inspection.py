@@ -84,18 +84,17 @@ class Inspection:
     @property
     def sign(self) -> int:
         """Sign of the change from rest to lift, 1 or -1; 0 where no rest is detectable."""
-        if self.force is None or self.wraps or not (self.start or self.ramp):
+        if self.force is None or self.wraps:
             return 0
-        levels = levels_of(self.force.values)
-        rest = levels[0]
-        if self.start is not None:
-            lift = float(np.nanmedian(self.force.values[self.start.steady_from :]))
-        else:
-            lift = levels[np.abs(levels).argmax()]
-            # a sweep that does not begin near zero shows no rest
-            if abs(rest) > NEAR_ZERO * abs(lift):
-                return 0
-        return 1 if lift > rest else -1
+        force = self.force.values
+        # the rate decides when the start is, and not its way
+        start = None if self.ramp else start_of(force, self.force.rate_Hz or 1.0)
+        levels = levels_of(force if start is None else force[start.steady_from :])
+        if start is not None:
+            return 1 if np.median(levels) > np.nanmedian(force[: start.rest_ends]) else -1
+        # a sweep that does not begin near zero shows no rest
+        lift = levels[np.abs(levels).argmax()] if self.ramp else 0.0
+        return int(np.sign(lift)) if abs(levels[0]) < NEAR_ZERO * abs(lift) else 0
 
     @functools.cached_property
     def further(self) -> Mapping[str, tuple[Channel, str]]:
@@ -183,7 +182,8 @@ def inspect(
 
 def _with_unit(channel: Channel) -> Channel:
     """The channel with the unit that its name, or a clock's size, states."""
-    unit = channel.unit or headings.named(channel.name)[1]
+    unit = headings.WORDS["units"].get(channel.unit, channel.unit)
+    unit = unit or headings.named(channel.name)[1]
     if not unit and headings.is_clock(channel.name):
         unit = headings.stamp_unit(channel)
     return replace(channel, unit=unit)
@@ -222,12 +222,20 @@ def _read(
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "copy it again from the rig") from None
     except InputRefused as refusal:
-        raise (tables.several(path, stated) if reader is TEXT else None) or refusal from None
+        several = tables.several(path, stated) if reader is TEXT else None
+        raise _bracketed(path) or several or refusal from None
     if not contents.channels:
-        raise InputRefused(
-            str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
-        )
+        what, remedy = "holds no channel of numbers", "it has a header and no samples, or only text"
+        raise _bracketed(path) or InputRefused(str(path), what, remedy)
     return contents, stated, unnamed
+
+
+def _bracketed(path: Path) -> InputRefused | None:
+    """Refusal of a file that begins with a bracket; None of any other."""
+    if head_of(path, 1) not in (b"{", b"[", b"<"):
+        return None
+    remedy = "write its numbers as CSV, for example by pandas: read_json(FILE).to_csv(NEW)"
+    return InputRefused(str(path), "is JSON, XML or lists in brackets, and no table", remedy)
 
 
 def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:

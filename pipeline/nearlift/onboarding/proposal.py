@@ -158,7 +158,7 @@ def _force(first: Inspection) -> tuple[InlineTable, str]:
         content["calibration"] = {"gain": "FILL IN mN/count", "offset": "FILL IN count"}
     elif unit not in FORCE_UNITS:
         content["unit"] = BLANK
-        remarks.append("the file does not say the unit")
+        remarks.append(f"the file says {unit}" if unit else "the file does not say the unit")
     if first.sign:
         content["sign"] = first.sign
         remarks += ["lift makes these numbers smaller"] * (first.sign < 0)

@@ -51,10 +51,15 @@ _UNITS = (
 )
 #: Other spellings of instruments, folded.
 _SPELLINGS = {
-    "N": ("newton", "newtons"),
-    "g": ("gram", "grams"),
+    "N": ("newton", "newtons", "н", "牛", "牛顿"),
+    "g": ("gram", "grams", "г", "克"),
+    "kg": ("kgs", "кг", "千克"),
+    "kgf": ("кгс",),
+    "lb": ("lbs", "pounds"),
+    "oz": ("ounces",),
     "count": ("counts",),
-    "s": ("sec", "second", "seconds"),
+    "s": ("sec", "second", "seconds", "с", "秒"),
+    "ms": ("мс", "毫秒"),
     "us": ("μs", "microseconds"),
     "V": ("volt", "volts"),
     "A": ("amps",),
@@ -71,8 +76,9 @@ UNITS = {unit.casefold(): unit for unit in _UNITS} | {
 #: Units of mass as those of the force that a load cell means.
 AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}
 FORCE_UNITS = ("N", "mN", "kN", "gf", "kgf", "lbf", "ozf")
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "day": 86400.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86400.0}
 _PRODUCT = str.maketrans(dict.fromkeys("⋅∙*•", "·"))
+_BRACKETS = str.maketrans("（）［］", "()[]")
 
 
 # ---- channels
@@ -110,7 +116,7 @@ def fold(text: str) -> str:
 @functools.lru_cache(maxsize=1024)
 def split_unit(name: str) -> tuple[str, str]:
     """Name and unit of ``Thrust (gf)`` or ``weight[g]``; the unit is empty where there is none."""
-    plain = name.rstrip()
+    plain = name.rstrip().translate(_BRACKETS)
     start = max(plain.rfind("("), plain.rfind("["))
     bare, unit = plain[:start].rstrip(), plain[start + 1 : -1]
     if start < 0 or not bare or not plain.endswith((")", "]")) or ")" in unit or "]" in unit:

@@ -189,6 +189,10 @@ def sniff(
         if fits or ROWS <= farthest < math.inf:
             # after so many rows a bad line is one, and no sign of another dialect
             break
+    if not (fits or failed):
+        raise InputRefused(
+            where, "has one sign between cells and in numbers", "correct [records] dialect"
+        )
     if not fits:
         raise max(failed, key=lambda unfit: unfit.lines)
     # cut alike, numbers such as 0,5 go before texts
@@ -222,7 +226,10 @@ def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
     return [
         Layout(thousands=said.thousands, separator=separator, decimal=decimal)
         for separator, decimal in itertools.product(separators, said.decimal or (".", ","))
-        if separator != decimal != said.thousands and not said.thousands == separator == BLANKS
+        if decimal != said.thousands
+        and not said.thousands == separator == BLANKS
+        # in quotes a decimal comma parts no cells
+        and (separator != decimal or any('"' in line for line in lines))
     ]
 
 
@@ -265,7 +272,10 @@ def _fitted(
     if len(names) != len(row) - trailing:
         what = f"has {len(row) - trailing} cells under {len(names)} column names"
         remedy = "a decimal comma makes two cells of one; save it with points, or with semicolons"
-        raise _unfit(0, at, what, f"{remedy} between cells")
+        remedy += " between cells"
+        if "," not in lines[start]:
+            remedy = f"name all: dialect = {{ skip = {start}, columns = [...] }} under [records]"
+        raise _unfit(0, at, what, remedy)
     # a separator that cuts nothing, and one that is there and does not cut
     bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
     uncut = signs.separator and len(names) < 2 and not (trailing or said.separator)
@@ -313,6 +323,9 @@ def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, stric
         cells = _cut(lines[at], signs)
         numbers = [signs.value(parted(cell)[0] if strict else cell) for cell in cells]
         numeric = any(value is not None and value == value for value in numbers)
+        if len(cells) == 1 and any(len(_cut(line, signs)) > 1 for line in lines[at + 1 : at + 2]):
+            # a number by itself above a header
+            numeric = False
         if numeric and (not strict or None not in numbers):
             return min(first, at)
         if None in numbers or not lines[at].strip():
@@ -331,7 +344,7 @@ def _header(
     cut = [*(_cut(lines[i], signs) for i in above), [], [], []]
     # names over several columns, and their parts below
     merged = [_merged(cut[k + 1], cut[k], row) for k in (0, 1)]
-    plain = [_names(lines[i], signs, len(row)) for i in above[:2]] + [(), ()]
+    plain = [_names(lines[i], signs, row) for i in above[:2]] + [(), ()]
     lower, upper = (whole[0] or names for whole, names in zip(merged, plain, strict=False))
     if upper and not merged[0][0]:
         # a row of units below that of names
@@ -390,12 +403,15 @@ def _unit(cell: str) -> str | None:
     return cell.strip("[]() ") if known is None and re.match(r"[\[(].*[\])]$", cell) else known
 
 
-def _names(line: str, signs: Layout, columns: int) -> tuple[str, ...]:
-    """The cells of a line if they may be names of so many columns, else none."""
+def _names(line: str, signs: Layout, below: Sequence[str]) -> tuple[str, ...]:
+    """The cells of a line if they may be names of the columns of a row, else none."""
     row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), signs)
     while len(row) > 1 and row[-1] == "":
         row.pop()
+    if len(row) == len(below) > 1 and not row[0]:
+        # row numbers have no name in tables of pandas and R
+        row[0] = "index"
     if any(NUMBER.fullmatch(parted(cell)[0]) for cell in row) or not all(row):
         return ()
     several = signs.separator.strip() and len(row) > 1
-    return tuple(row) if several or len(row) in (columns, columns - 1) else ()
+    return tuple(row) if several or len(row) in (len(below), len(below) - (not below[-1])) else ()

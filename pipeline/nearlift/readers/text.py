@@ -102,6 +102,11 @@ def plain(content: bytes, where: str, said: Dialect) -> Plain:
     content = content.removeprefix(codecs.BOM_UTF8)
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    content = content.replace("\N{MINUS SIGN}".encode(), b"-")
+    if said.thousands == " ":
+        # spreadsheets write blanks at which no line breaks
+        for sign in "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}":
+            content = content.replace(sign.encode(), b" ")
     body = content[: content.rfind(b"\n") + 1]
     cut = half or bool(content[len(body) :].strip())
     if said.ignore or said.labels:
@@ -127,6 +132,11 @@ def _without_labels(lines: Sequence[str], where: str, said: Dialect) -> tuple[li
             continue
         first, *parts = line.split(":")
         pairs = [re.split(r"[\s;|]+|,(?=\s|[^\W\d])", part.strip(), maxsplit=1) for part in parts]
+        if not parts:
+            remedy = f"lines above all others: skip = {i + 1} under [records] dialect"
+            raise InputRefused(f"{where}, line {i + 1}", "has no label", remedy)
+        if parted(parts[-1].strip())[1]:
+            pairs[-1] = [parts[-1].strip()]
         labels = (first.strip(), *(pair[1].strip() for pair in pairs if len(pair) > 1))
         names = names or labels
         if labels != names or len(pairs) != len(names):
@@ -226,11 +236,20 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     if names is None:
         chosen = {*layout.numeric} | ((times | measured) & {*layout.texts})
         notes += [
-            f"column {name!r} is not read: {row[i]!r} is no time of day that is known"
+            f"column {name!r} is not read: {row[i]!r} is no {kind} that is known"
             for i, name in enumerate(layout.names)
+            for kind in ("time of day", "number")
             if i in words - times - measured
-            and (re.search(r"\d:\d\d", row[i]) or fold(split_unit(name)[0]) in CALLED_TIME)
+            and (
+                re.search(r"\d:\d\d", row[i]) or fold(split_unit(name)[0]) in CALLED_TIME
+                if kind == "time of day"
+                else layout.units[i]
+            )
         ]
+        if text.encoding in ("latin-1", "cp1252") and not text.said.encoding:
+            notes.append(
+                f"text read as {text.encoding}: if letters are wrong, state `encoding` in dialect"
+            )
     else:
         chosen = {i for name in names for i in fitting(layout.names, name)}
         if not chosen:
