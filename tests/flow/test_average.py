@@ -104,12 +104,6 @@ def test_integrated_time_of_nothing_is_one():
     assert integrated(np.array([1.0, 0.9, 0.8]), 4) == 1.0
 
 
-def test_the_software_s_own_uncertainty_serves_where_there_is_one_field():
-    vx, vy = stack(1)[0]
-    alone = VelocityField(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy, u_m_s=np.full(vx.shape, 0.3))
-    np.testing.assert_allclose(average([alone]).u_m_s[1], 0.3)
-
-
 def test_orientation_brings_every_picture_into_vehicle_axes():
     """A jet along -y of the vehicle, drawn in a picture in each of the ways it can lie."""
     vx, vy = 0.1 * np.outer(Y, X), -np.exp(-((X / 0.01) ** 2)) * (1 + Y[:, None])
