@@ -195,8 +195,8 @@ def load(folder: Path) -> Campaign:
 
 
 def loads(content: bytes, where: str) -> dict[str, Any]:
-    """The tables of a TOML file, with or without a byte order mark; `ManifestError` if it is too
-    large or too deep, or is no UTF-8 or no TOML.
+    """The tables of a TOML file; `ManifestError` if it is too large or too deep, or is no UTF-8 or
+    no TOML. It may have a byte order mark.
     """
     if len(content) > MOST_BYTES:
         what = f"has more than {MOST_BYTES} bytes"

@@ -293,9 +293,11 @@ class SpreadPrior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Population:
-    """Random-effects estimates from many campaigns: the population's mean, with the spread
-    integrated over; the spread beyond their uncertainties (its median); and another campaign of it,
-    measured without error. `q` is Cochran's statistic of zero spread.
+    """Random-effects estimates from many campaigns.
+
+    `mean` is the population's, with the spread integrated over. `spread` is beyond the campaigns'
+    uncertainties, by its median. `next` predicts another campaign, measured without error. `q` is
+    Cochran's statistic of zero spread.
     """
 
     mean: Estimate

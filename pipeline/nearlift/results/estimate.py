@@ -52,17 +52,16 @@ class Estimate:
 class Noise:
     """How trials scatter about any smooth curve, as standard deviations.
 
-    `relative` is in proportion to lift, beyond what the records themselves show; `force_N` an
-    additive force; `height_m` the height of one visit of the traverse, shared by the visit's
-    trials. In proportion to lift, `common` is what else the trials of a visit have in common.
-    `drift` are slow drifts between trials, one for each length in
-    `likelihood.variance_components.DRIFT_LENGTHS`.
+    `relative` is in proportion to lift, beyond what the records themselves show, and `force_N` an
+    additive force. `height_m` is that of one visit's height, shared by its trials. In proportion to
+    lift, `common` is what else the trials of a visit have in common. `drift` are slow drifts
+    between trials, one for each length in `likelihood.variance_components.DRIFT_LENGTHS`.
 
     They were estimated from `source`, with `dof` degrees of freedom. `sizes` are the estimated
     components (`drift0` and so on for the drifts), with the covariance of the logarithms of their
-    sizes; empty where the noise was declared. `modes` are the logarithms of the sizes at each mode
-    of their posterior, force as a fraction of the median lift. A search among nearly the same
-    trials begins there.
+    sizes. Both are empty where the noise was declared. `modes` are the logarithms of the sizes at
+    each mode of their posterior, force as a fraction of the median lift. A search among nearly the
+    same trials begins there.
     """
 
     relative: Real

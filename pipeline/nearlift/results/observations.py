@@ -16,11 +16,11 @@ from nearlift.results.document import Real
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelCurve:
-    """Log L_inf as a polynomial of logarithms: all products of at most `degree` (1: a power law) of
-    the logarithms of what it is a curve `of`, each scaled to [-1, 1] over the trials.
+    """Log L_inf as a polynomial of `degree` (1: a power law).
 
-    `of` are ``throttle`` and further columns of the trials in SI, such as ``supply_V``; `low`,
-    `high` and `typical` are the range over the trials and the median of each. L_inf is given at the
+    Its variables are the logarithms of the columns `of`, each scaled to [-1, 1] over the trials.
+    They are ``throttle`` and further columns of the trials in SI, such as ``supply_V``. `low`,
+    `high` and `typical` are their range over the trials, and median. L_inf is given at the
     throttles `shown`, the others of `of` at their median.
     """
 

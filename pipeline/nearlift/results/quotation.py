@@ -170,8 +170,9 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiedSize(Estimate):
-    """One size of an identified effect, with its 90 % interval; `lift_percent` is the range of the
-    effect's contribution to lift over the trials, in percent of lift.
+    """One size of an identified effect, with its 90 % interval.
+
+    `lift_percent` is the range of its contribution to lift over the trials, in percent of lift.
     """
 
     effect: str
