@@ -7,8 +7,9 @@ search therefore goes forward: an outlier is left out, and the rest is examined 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -91,117 +92,105 @@ def search(
     Influence
         No fit is made where none of these is an outlier and none is near the limit.
     """
-    data = whole.problem.data
+    data, trials = whole.problem.data, np.arange(whole.problem.data.n)
     if not whole.names:
         return Influence(why_not=f"{whole.model.name} has no free coefficient")
     if np.median(whole.problem.covariance.variance) <= EXACT:
         why = "the trials repeat exactly, so nothing shows how far noise may move a coefficient"
         return Influence(why_not=why)
-    fits = _Fits(whole=whole, parts=parts)
+
+    @cache
+    def refitted(out: bytes) -> LeastSquaresFit | None:
+        try:
+            return fit(whole.model, data.take(~np.frombuffer(out, dtype=bool)), parts)
+        except NotConverged:
+            return None
+
+    def without(out: BoolArray) -> LeastSquaresFit | None:
+        """The model fitted without the trials `out`, scatter included; None where that fails."""
+        return refitted(out.tobytes()) if out.any() else whole
+
     out = np.isin(data.trial, list(outlying))
-    clean = fits.without(out) or whole
-    out |= fits.masked(clean, out, np.isin(data.trial, list(odd)) & ~out)
-    clean = fits.without(out) or clean
+    clean = without(out) or whole
+    out |= _masked(without, clean, out, np.isin(data.trial, list(odd)) & ~out)
+    clean = without(out) or clean
     named = np.flatnonzero(out).tolist()
-    while len(named) < MOST and (i := fits.next_trial(clean, out)) is not None:
+    while len(named) < MOST:
+        kept, moved = np.flatnonzero(~out), deletion.influence(clean)
+        far = kept[_far(moved.of_trial[:, 0], moved.residual**2, clean)]
+        found = (i for i in far if _moves(clean, without(out | (trials == i))))
+        if (i := next(found, None)) is None:
+            break
         out[i] = True
-        clean = fits.without(out) or clean
-        named.append(i)
+        clean = without(out) or clean
+        named.append(int(i))
     suspects = []
     for i in named[:MOST]:
-        alone, trial = np.arange(data.n) == i, str(data.trial[i])
-        suspects.append(fits.suspect("trial", trial, alone, whole, trial in outlying))
+        name, again = str(data.trial[i]), without(trials == i)
+        verdict = f"{name} is an outlier: without it" if name in outlying else f"without {name}"
+        suspects.append(_suspect("trial", name, (name,), name in outlying, verdict, whole, again))
     moved = deletion.influence(clean)
     look = np.where(np.isin(moved.visit, list(odd_visits)), LOOK_AT_ODD, LOOK)
     for j in _far(moved.of_visit[:, 0], moved.chi2, clean, look):
         members = (data.visit == moved.visit[j]) & ~out
-        again = fits.without(members | out) if members.sum() > 1 else None
-        if again and _moves(clean, again):
-            suspects.append(
-                fits.suspect("visit", str(moved.visit[j]), members | out, clean, named=members)
-            )
+        again = without(members | out) if members.sum() > 1 else None
+        if _moves(clean, again):
+            name, ids = str(moved.visit[j]), tuple(str(t) for t in data.trial[members])
+            verdict = f"without visit {name} (trials {ids[0]} to {ids[-1]}, one stop)"
+            verdict += " and the trials named" if out.any() else ""
+            suspects.append(_suspect("visit", name, ids, False, verdict, clean, again))
     return Influence(
         suspects=tuple(suspects), without_all=_headline(clean) if len(named) > 1 else None
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Fits:
-    """Fits without some of the trials of `whole`."""
+def _masked(
+    without: Callable[[BoolArray], LeastSquaresFit | None],
+    clean: LeastSquaresFit,
+    out: BoolArray,
+    odd: BoolArray,
+) -> BoolArray:
+    """Odd trials that shift the headline by `MOVES` with the other odd ones left out; all of them,
+    if only all do.
+    """
+    single = np.zeros_like(odd)
+    base = without(out | odd)
+    if base is None or not _moves(clean, base):
+        return single
+    for i in np.flatnonzero(odd)[:MOST]:
+        again = without((out | odd) & (np.arange(len(odd)) != i))
+        single[i] = again is None or _moves(base, again)
+    return single if single.any() else odd
 
-    whole: LeastSquaresFit
-    parts: tuple[Component, ...]
-    made: dict[bytes, LeastSquaresFit | None] = field(default_factory=dict)
 
-    def without(self, out: BoolArray) -> LeastSquaresFit | None:
-        """The model fitted without the trials `out`, scatter included; None where that fails."""
-        if not out.any():
-            return self.whole
-        key = out.tobytes()
-        if key not in self.made:
-            data = self.whole.problem.data.take(~out)
-            try:
-                self.made[key] = fit(self.whole.model, data, self.parts)
-            except NotConverged:
-                self.made[key] = None
-        return self.made[key]
-
-    def next_trial(self, clean: LeastSquaresFit, out: BoolArray) -> int | None:
-        """The first trial whose removal shifts the headline by `MOVES`."""
-        kept, moved = np.flatnonzero(~out), deletion.influence(clean)
-        for j in _far(moved.of_trial[:, 0], moved.residual**2, clean):
-            again = self.without(out | (np.arange(len(out)) == kept[j]))
-            if again and _moves(clean, again):
-                return int(kept[j])
-        return None
-
-    def masked(self, clean: LeastSquaresFit, out: BoolArray, odd: BoolArray) -> BoolArray:
-        """Odd trials that shift the headline by `MOVES` with the other odd ones left out; all of
-        them, if only all do.
-        """
-        single = np.zeros_like(odd)
-        base = self.without(out | odd) if odd.any() else None
-        if base is None or not _moves(clean, base):
-            return single
-        for i in np.flatnonzero(odd)[:MOST]:
-            again = self.without((out | odd) & (np.arange(len(odd)) != i))
-            single[i] = again is None or _moves(base, again)
-        return single if single.any() else odd
-
-    def suspect(
-        self,
-        kind: Literal["trial", "visit"],
-        name: str,
-        out: BoolArray,
-        reference: LeastSquaresFit,
-        outlying: bool = False,
-        named: BoolArray | None = None,
-    ) -> Suspect:
-        """A trial or visit, and the headline without the trials `out`; its own are `named`."""
-        again, trials = self.without(out), self.whole.problem.data.trial
-        ids = tuple(str(t) for t in trials[out if named is None else named])
-        what = name if kind == "trial" else f"visit {name} (trials {ids[0]} to {ids[-1]}, one stop)"
-        if named is not None and (out & ~named).any():
-            what += " and the trials named"
-        verdict = f"{what} is an outlier: without it" if outlying else f"without {what}"
-        without, shift, text = None, float("nan"), f"{verdict} the base model does not fit"
-        if again:
-            without, headline = _headline(again), _headline(reference)
-            shift = without.value - headline.value
-            text = (
-                f"{verdict} the base fit’s {again.names[0]} is {like(abs(shift), without.u)}"
-                f" {'higher' if shift > 0 else 'lower'},"
-                f" {plain(abs(shift) / min(headline.u, without.u), 2)} u"
-            )
-        return Suspect(
-            kind=kind,
-            id=name,
-            trials=ids,
-            outlying=outlying,
-            without=without,
-            shift=shift,
-            text=text,
+def _suspect(
+    kind: Literal["trial", "visit"],
+    name: str,
+    trials: tuple[str, ...],
+    outlying: bool,
+    verdict: str,
+    reference: LeastSquaresFit,
+    again: LeastSquaresFit | None,
+) -> Suspect:
+    """A trial or visit, with the headline of the fit `again` without it, and its shift."""
+    without, shift, text = None, float("nan"), f"{verdict} the base model does not fit"
+    if again:
+        without, headline = _headline(again), _headline(reference)
+        shift = without.value - headline.value
+        text = (
+            f"{verdict} the base fit’s {again.names[0]} is {like(abs(shift), without.u)}"
+            f" {'higher' if shift > 0 else 'lower'},"
+            f" {plain(abs(shift) / min(headline.u, without.u), 2)} u"
         )
+    return Suspect(
+        kind=kind,
+        id=name,
+        trials=trials,
+        outlying=outlying,
+        without=without,
+        shift=shift,
+        text=text,
+    )
 
 
 def _headline(fitted: LeastSquaresFit) -> Estimate:
@@ -222,8 +211,10 @@ def _far(
     return [int(i) for i in order if ratio[i] > 1]
 
 
-def _moves(clean: LeastSquaresFit, again: LeastSquaresFit) -> bool:
+def _moves(clean: LeastSquaresFit, again: LeastSquaresFit | None) -> bool:
     """Whether the headlines differ by more than `MOVES` of the smaller standard uncertainty."""
+    if again is None:
+        return False
     u = min(_headline(clean).u, _headline(again).u)
     return bool(abs(again.theta[0] - clean.theta[0]) > MOVES * u)
 
