@@ -16,7 +16,7 @@ from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
 from nearlift.fit.least_squares import fit
-from nearlift.fit.posterior_summary import compare_with_fit, compare_with_prior
+from nearlift.fit.posterior_summary import compare_with_prior
 from nearlift.fit.prior import TruncatedPrior
 from nearlift.results import Noise
 
@@ -142,27 +142,6 @@ def test_a_posterior_at_a_bound_is_said_to_be():
     assert found.theta.min() >= 0
     _, words = compare_with_prior(target.priors[0], found.theta[:, :, 0].ravel())
     assert re.search(r"\b(9\d|100) % of the posterior of alpha lies against its bound 0", words)
-
-
-def test_a_posterior_unlike_least_squares_says_why():
-    draws = np.random.default_rng(1).normal(0.0, 1.0, 20_000)
-    half = 1.645
-
-    def said(factor, prior, bounds=(-100.0, 100.0), about=0.0):
-        (parameter,) = line(prior, bounds).parameters
-        return compare_with_fit(
-            TruncatedPrior(parameter=parameter), draws, about - factor * half, about + factor * half
-        )
-
-    assert said(1.0, uniform(-100, 100)) == ""
-    assert (
-        "the 90 % interval of a is 0.5 times the width by least squares, probably because the"
-        " prior narrows it" in said(2.0, normal(0.0, 1.2))
-    )
-    assert "the bound -2 cuts it off" in said(2.0, uniform(-100, 100), (-2.0, 100.0))
-    assert "the model is not linear" in said(2.0, uniform(-100, 100))
-    assert "the model is not linear" in said(0.5, normal(0.0, 1.2))
-    assert said(np.nan, uniform(-100, 100)) == ""
 
 
 def test_a_model_without_parameters_has_levels_and_evidence():

@@ -36,10 +36,6 @@ SAME, SHAPED = 0.8, 0.3
 #: Fraction of the bounded range that counts as at a bound, and the least share of draws there to be
 #: reported. Ours: four times what a flat density would leave there.
 EDGE, CROWD = 0.005, 0.02
-#: Ratio of 90 % widths, posterior over least squares, outside which a reason is given; and ratio of
-#: prior to least squares below which the prior is one.
-#: Ours: at three times the width a normal prior narrows u by 5 %.
-NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 
 
 def add_posterior(
@@ -103,12 +99,8 @@ def add_posterior(
         L_inf_N={t: _level(draws) for t, draws in levels.items()},
     )
     evidence = Estimate(value=drawn.log_evidence, u=drawn.u_log_evidence)
-    unlike = [p.unlike_fit for p in parameters.values() if base and p.unlike_fit]
-    return (
-        replace(entry, log_evidence=evidence, posterior=summary),
-        [draw_rows(data.boundary, name, n, x, drawn.log_prob) for n, x in columns.items()],
-        [f"{data.boundary}: {reason}" for reason in unlike],
-    )
+    rows = [draw_rows(data.boundary, name, n, x, drawn.log_prob) for n, x in columns.items()]
+    return replace(entry, log_evidence=evidence, posterior=summary), rows, []
 
 
 def draw_rows(
@@ -136,8 +128,6 @@ def _parameter(
     prior, draws = density.priors[i], drawn.theta[:, :, i].ravel()
     parameter = prior.parameter
     ratio, words = compare_with_prior(prior, draws)
-    estimate = fitted.estimates[parameter.name]
-    unlike = compare_with_fit(prior, draws, estimate.lo90, estimate.hi90)
     mean, sd = drawn.exact.moments(i) if drawn.exact else (draws.mean(), draws.std())
     low, median, high = drawn.quantiles(i, QUANTILES)
     # without degrees of freedom the draws know only what trials of one visit do not share
@@ -157,20 +147,16 @@ def _parameter(
             text=str(parameter.prior), lo90=before[0], hi90=before[1], bounds=parameter.bounds
         ),
         width_ratio=ratio,
-        words="; ".join(filter(None, (words, unlike))),
-        unlike_fit=unlike,
+        words=words,
     )
-
-
-def _width90(draws: FloatArray) -> float:
-    return float(np.ptp(np.quantile(draws, [0.05, 0.95])))
 
 
 def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float, str]:
     """Ratio of 90 % widths, draws (n,) over prior, with remarks where prior or bounds matter."""
     parameter, name = prior.parameter, prior.parameter.name
     low, high = parameter.bounds
-    ratio, edge, words = _width90(draws) / prior.width90, EDGE * (high - low), []
+    ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95]))) / prior.width90
+    edge, words = EDGE * (high - low), []
     if ratio > SAME:
         words.append(
             f"the data say nothing about {name}: its interval is the prior's"
@@ -187,27 +173,3 @@ def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float,
                 f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}"
             )
     return ratio, "; ".join(words)
-
-
-def compare_with_fit(prior: TruncatedPrior, draws: FloatArray, lo90: float, hi90: float) -> str:
-    """Reason why the width of the draws' 90 % interval differs from that of least squares, `lo90`
-    to `hi90`.
-
-    Empty where it hardly differs, or where least squares has no interval.
-    """
-    wide = hi90 - lo90
-    ratio = _width90(draws) / wide if 0 < wide < math.inf else 1.0
-    if NARROW <= ratio <= WIDE:
-        return ""
-    low, high = prior.parameter.bounds
-    edge, reasons = EDGE * (high - low), []
-    if ratio < NARROW:
-        cut = ((low, lo90 < low + edge), (high, hi90 > high - edge))
-        reasons = [f"the bound {bound:g} cuts it off" for bound, beyond in cut if beyond]
-        if prior.width90 < CLOSE * wide:
-            reasons.append("the prior narrows it")
-    return (
-        f"the 90 % interval of {prior.parameter.name} is {ratio:.2g} times the width by least"
-        f" squares, probably because {' and '.join(reasons or ['the model is not linear there'])};"
-        " see its profile"
-    )

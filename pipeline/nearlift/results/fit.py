@@ -215,7 +215,7 @@ class PosteriorParameter(Estimate):
 
     `ess` and `ess_tail` are the effective draws of the mean and of the ends of the 90 % interval.
     `tau` is the autocorrelation time in steps, 1 for independent draws. `width_ratio` is that of
-    the 90 % intervals after and before. `unlike_fit` states why the posterior is unlike the fit.
+    the 90 % intervals after and before.
     """
 
     ess: Real
@@ -224,7 +224,6 @@ class PosteriorParameter(Estimate):
     prior: DeclaredPrior
     width_ratio: Real
     words: str
-    unlike_fit: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
