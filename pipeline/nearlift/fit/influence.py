@@ -118,8 +118,8 @@ def search(
     while len(named) < MOST:
         kept, moved = np.flatnonzero(~out), deletion.influence(clean)
         far = kept[_far(moved.of_trial[:, 0], moved.residual**2, clean)]
-        found = (i for i in far if _moves(clean, without(out | (trials == i))))
-        if (i := next(found, None)) is None:
+        moving = (i for i in far if _moves(clean, without(out | (trials == i))))
+        if (i := next(moving, None)) is None:
             break
         out[i] = True
         clean = without(out) or clean
