@@ -165,9 +165,8 @@ def dialect_of(text: str) -> dict[str, object]:
 
 @main.command(heading=BEGIN, example="design raw/my-rig --write raw/my-rig/planned.csv")
 @campaign_argument
-@click.option("--noise-from", metavar="NAME", help="Earlier campaign with the expected noise.")
 @click.option("--write", type=PATH, help="Where the random schedule goes; never over a file.")
-def design(call: Call, campaign: Path, noise_from: str | None, write: Path | None) -> None:
+def design(call: Call, campaign: Path, write: Path | None) -> None:
     """Plan a campaign: what it can detect, and a schedule.
 
     For CAMPAIGN before it is run: detectable effects, confounded effects, and a random schedule.
@@ -177,9 +176,8 @@ def design(call: Call, campaign: Path, noise_from: str | None, write: Path | Non
     from nearlift.results.document import as_json
     from nearlift.stages import forecasts
 
-    earlier = None if noise_from is None else call.out / "processed" / noise_from
     with call.job(campaign, planned=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
-        answer = forecasts.design(job, earlier=earlier, write=write)
+        answer = forecasts.design(job, write)
     call.answer(as_json(answer), text(answer))
 
 

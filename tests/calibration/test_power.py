@@ -58,7 +58,7 @@ class Bench:
         made = plan(campaign, None, 1)
         self.data = observe(made.table, campaign, "ground")
         self.base = catalogue.model("sanchez_cuevas")
-        self.noise = scatter(campaign, "ground")
+        self.noise = scatter(campaign)
         self.design, _, _ = planned(
             self.data, self.base, (), self.noise, Options(), np.array([K_B])
         )

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from nearlift.campaign.choices import Planned
 from nearlift.campaign.manifest import Campaign
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import NotConverged, UsageError
+from nearlift.likelihood import budget
+from nearlift.loop.expected_noise import planned
 from nearlift.loop.predictions import outlook
-from nearlift.observed import boundaries, choice
-from nearlift.planning.forecast import of_plan
+from nearlift.observed import boundaries, choice, observe, search_options
 from nearlift.planning.plans import PlannedTrials, draw, scatter
-from nearlift.results import Noise
 from nearlift.results.answers import BoundaryOutlook, DesignOutlook, DrawnSchedule
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
@@ -23,11 +21,7 @@ USUAL_TRIAL_S = 20.0
 
 
 def design(
-    campaign: Campaign,
-    made: PlannedTrials,
-    seed: int,
-    file: str,
-    floors: Mapping[Boundary, Noise] | None = None,
+    campaign: Campaign, made: PlannedTrials, seed: int, file: str
 ) -> tuple[DesignOutlook, TrialSchedule]:
     """Forecast of the plan at each boundary, and a random schedule that `file` will hold.
 
@@ -39,22 +33,19 @@ def design(
         No boundary has enough planned trials.
     """
     forecasts: dict[Boundary, BoundaryOutlook] = {}
-    notes = []
+    notes, noise, parts = [], scatter(campaign), budget.components(campaign)
     for boundary in boundaries(made.table):
-        theta = _expected(campaign, boundary)
-        noise = scatter(campaign, boundary, floors)
+        base = choice(campaign, boundary)[0]
+        theta = _expected(campaign, boundary, base)
+        data = observe(made.table, campaign, boundary)
+        options = search_options(campaign, boundary, seed)
         try:
-            forecast = of_plan(made.table, campaign, boundary, noise, theta, seed)
+            forecasts[boundary] = outlook(*planned(data, base, parts, noise, options, theta), noise)
         except NotConverged as fault:
             notes.append(f"{boundary}: {fault.what}; {fault.remedy}")
-            continue
-        forecasts[boundary] = outlook(forecast.design, forecast.effects, forecast.untestable, noise)
     if not forecasts:
-        raise NotConverged(
-            f"design of {campaign.name}",
-            "; ".join(notes) or "no trial is planned",
-            "plan more trials",
-        )
+        what = "; ".join(notes) or "no trial is planned"
+        raise NotConverged(f"design of {campaign.name}", what, "plan more trials")
     drawn = made.drawn or draw(campaign, seed, _as_design(campaign, made))
     return DesignOutlook(
         campaign=campaign.name,
@@ -66,9 +57,8 @@ def design(
     ), drawn
 
 
-def _expected(campaign: Campaign, boundary: Boundary) -> FloatArray:
+def _expected(campaign: Campaign, boundary: Boundary, base: LiftModel) -> FloatArray:
     """Coefficients of the base model as ``[design.expected]`` or the declaration has them."""
-    base, _ = choice(campaign, boundary)
     given = campaign.design.expected.get(boundary, {}) if campaign.design else {}
     unknown = sorted(given.keys() - {p.name for p in base.parameters})
     if unknown:

@@ -1,22 +1,20 @@
-"""Forecast of measured or planned trials, by the search that would diagnose them."""
+"""Forecast of measured trials, by the search that would diagnose them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.declare import Boundary, Effect, FloatArray
+from nearlift.declare import Boundary, Effect
 from nearlift.errors import NotConverged
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.problem import usable
 from nearlift.loop.admission import problem_of_trials
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.expected_noise import planned
 from nearlift.loop.power import DesignPower
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.observed import Trials, choice, observe, search_options
-from nearlift.results import Noise
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
 
@@ -38,32 +36,6 @@ class Forecast:
         return self.design.problem
 
 
-def of_plan(
-    trials: Trials,
-    campaign: Campaign,
-    boundary: Boundary,
-    noise: Noise,
-    theta: FloatArray,
-    seed: int,
-) -> Forecast:
-    """Forecast of planned trials at expected noise and coefficients.
-
-    Raises
-    ------
-    NotConverged
-        Too few trials are planned.
-    """
-    design, effects, untestable = planned(
-        observe(trials, campaign, boundary),
-        choice(campaign, boundary)[0],
-        budget.components(campaign),
-        noise,
-        search_options(campaign, boundary, seed),
-        theta,
-    )
-    return Forecast(design=design, effects=effects, untestable=untestable)
-
-
 def of_trials(
     trials: Trials,
     campaign: Campaign,
@@ -82,30 +54,22 @@ def of_trials(
     """
     data, base = observe(trials, campaign, boundary), choice(campaign, boundary)[0]
     parts, options = budget.components(campaign), search_options(campaign, boundary, seed)
+    notes: tuple[str, ...] = ()
     try:
         problem, effects, untestable = set_up(data, base, parts, options, first_order=True)
+        if diagnosis is not None:
+            # with a large effect the noise is known only after the search
+            problem = replace(problem, noise=diagnosis.noise)
     except NotConverged as lack:
         if not few:
             raise
         kept = data.take(usable(base, data))
         first = fit(base, kept, parts)
+        far_N = kept.lift_inf_N(first.level_coefficients)
         problem, effects, untestable = problem_of_trials(
-            kept,
-            base,
-            parts,
-            first.noise,
-            options,
-            first.theta,
-            kept.lift_inf_N(first.level_coefficients),
+            kept, base, parts, first.noise, options, first.theta, far_N
         )
-        note = f"{lack.what} for a diagnosis; the noise is the {first.noise.source}"
-        return Forecast(
-            design=DesignPower(problem=problem),
-            effects=effects,
-            untestable=untestable,
-            notes=(note,),
-        )
-    if diagnosis is not None:
-        # with a large effect the noise is known only after the search
-        problem = replace(problem, noise=diagnosis.noise)
-    return Forecast(design=DesignPower(problem=problem), effects=effects, untestable=untestable)
+        notes = (f"{lack.what} for a diagnosis; the noise is the {first.noise.source}",)
+    return Forecast(
+        design=DesignPower(problem=problem), effects=effects, untestable=untestable, notes=notes
+    )

@@ -7,7 +7,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ import pandas as pd
 from nearlift import units
 from nearlift.campaign.choices import Planned
 from nearlift.campaign.manifest import Campaign
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError, UsageError
 from nearlift.observed import Trials
 from nearlift.results import Noise
@@ -25,7 +25,7 @@ from nearlift.schedule import BY_NAME, SETTINGS, Schedule
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
 
-#: Scatter of a small rig in good order, where neither `[design]` nor an earlier campaign gives it.
+#: Scatter of a small rig in good order, where `[design]` does not give it.
 ASSUMED = Noise(
     relative=5e-3,
     force_N=3e-4,
@@ -165,15 +165,8 @@ def _ranged(wanted: Planned, known: Trials) -> dict[str, tuple[FloatArray, str]]
     return {name: given for name, given in ranges.items() if name not in known}
 
 
-def scatter(
-    campaign: Campaign, boundary: Boundary, floors: Mapping[Boundary, Noise] | None = None
-) -> Noise:
-    """Expected scatter of trials: an earlier campaign's noise floor, that of another boundary if
-    need be; else `[design.noise]`; else `ASSUMED`.
-    """
-    if floors:
-        floor = floors.get(boundary) or next(iter(floors.values()))
-        return dataclasses.replace(floor, dof=np.inf)
+def scatter(campaign: Campaign) -> Noise:
+    """Expected scatter of trials: `[design.noise]`, else `ASSUMED`."""
     given = campaign.design.noise if campaign.design else None
     if given is None:
         return ASSUMED

@@ -3,41 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nearlift.errors import UsageError
 from nearlift.run import tables
 from nearlift.run.engine import Job
-from nearlift.stages.diagnose import DIAGNOSIS, findings
+from nearlift.stages.diagnose import findings
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.ingest import TRIALS
 
 if TYPE_CHECKING:
-    from nearlift.declare import Boundary
     from nearlift.planning.question import VisitQuestion
-    from nearlift.results import Noise
     from nearlift.results.answers import DesignOutlook, EffectAccount, NextVisits
     from nearlift.schedule import Schedule
 
 SCHEDULE = "trials.csv"
 
 
-def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> DesignOutlook:
-    """Forecast of a planned campaign, written with a random schedule.
-
-    Parameters
-    ----------
-    earlier : Path or None
-        ``processed/<campaign>`` of a campaign whose noise floor is expected here too.
-    write : Path or None
-        File or folder of the schedule, in place of ``reports/<campaign>/design/trials.csv``.
+def design(job: Job, write: Path | None = None) -> DesignOutlook:
+    """Forecast of a planned campaign, written with a random schedule: into the file or folder
+    `write`, else ``reports/<campaign>/design/trials.csv``.
 
     Raises
     ------
     UsageError
-        There is no plan, `earlier` has no noise floor, or `write` names a file that exists.
+        There is no plan, or `write` names a file that exists.
     NotConverged
         No boundary has enough planned trials.
     """
@@ -46,8 +37,7 @@ def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) 
 
     target = job.reports / "design" / SCHEDULE if write is None else _target(write)
     made = plan(job.campaign, _listed(job), job.seed)
-    floors = None if earlier is None else _floors(earlier)
-    outlook, drawn = design(job.campaign, made, job.seed, str(target), floors)
+    outlook, drawn = design(job.campaign, made, job.seed, str(target))
     tables.write_whole(target, schedule_text(drawn, job.campaign).encode())
     job.put("reports/design/design.json", tables.json_bytes(outlook))
     return outlook
@@ -63,25 +53,6 @@ def _listed(job: Job) -> tuple[Schedule, str] | None:
     if sum(bool(line.strip()) for line in text.splitlines()) < 2:
         return None
     return read_schedule(job.campaign, job.root), path.name
-
-
-def _floors(processed: Path) -> dict[Boundary, Noise]:
-    """Noise floors of an earlier campaign."""
-    if not (processed / DIAGNOSIS.file).is_file():
-        raise UsageError(
-            "--noise-from",
-            f"{processed.name} has no {DIAGNOSIS.file}",
-            "run it first, or name another with a diagnosis",
-        )
-    source = f"the noise floor of {processed.name}"
-    floors = {b: replace(d.noise, source=source) for b, d in findings(processed).items()}
-    if not floors:
-        raise UsageError(
-            "--noise-from",
-            f"no boundary of {processed.name} could be diagnosed",
-            "name another campaign, or give [design.noise]",
-        )
-    return floors
 
 
 def _target(write: Path) -> Path:
