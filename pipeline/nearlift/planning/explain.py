@@ -13,7 +13,7 @@ from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.loop import coefficients
 from nearlift.loop.few_visits import applies
-from nearlift.loop.power import DRAWS, LIMIT_POWER, DesignPower, SizeParameter, size_parameters
+from nearlift.loop.power import LIMIT_POWER, DesignPower, SizeParameter, size_parameters
 from nearlift.loop.search_problem import SILENT
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.observed import Trials, boundaries
@@ -24,7 +24,6 @@ from nearlift.results.answers import (
     EffectAtBoundary,
     EffectBetweenTrials,
     EffectSize,
-    EffectVerdict,
     EffectWithinTrial,
     NoCandidate,
     Signature,
@@ -53,13 +52,12 @@ def explain(
     explained: dict[Boundary, EffectAtBoundary] = {}
     refused = []
     for boundary in boundaries(trials):
-        diagnosis = diagnoses.get(boundary)
         try:
-            forecast = of_trials(trials, campaign, boundary, diagnosis, seed)
+            forecast = of_trials(trials, campaign, boundary, diagnoses.get(boundary), seed)
         except NotConverged as fault:
             refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
-        explained[boundary] = _at(forecast, effect, diagnosis)
+        explained[boundary] = _at(forecast, effect)
     if not explained:
         raise InputRefused(
             campaign.name,
@@ -74,9 +72,7 @@ def explain(
     )
 
 
-def _at(
-    forecast: Forecast, effect: Effect, diagnosis: BoundaryDiagnosis | None
-) -> EffectAtBoundary:
+def _at(forecast: Forecast, effect: Effect) -> EffectAtBoundary:
     """Account at one boundary."""
     for lacking in forecast.untestable:
         if lacking.effect == effect.name:
@@ -93,10 +89,8 @@ def _at(
         "base_model": problem.base.name,
         "trials": problem.data.n,
         "false_alarm_rate": rate,
-        "draws": DRAWS,
         "few_visits": applies(problem.data),
         "noise": problem.noise,
-        "in_this_campaign": _verdict(effect.name, diagnosis),
     }
     if effect.within_trial:
         power = heating_power(problem.data, rate, LIMIT_POWER)
@@ -124,7 +118,6 @@ def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectSize:
         Confusion(
             effect=n,
             energy_absorbed=a,
-            correlation=float(np.sqrt(a)),
             rival_chance=contest.rivals.get(n, 0.0) if contest else 0.0,
         )
         for n, a in absorbed.items()
@@ -155,19 +148,3 @@ def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectSize:
 
 def _rms(x: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
-
-
-def _verdict(name: str, diagnosis: BoundaryDiagnosis | None) -> EffectVerdict | None:
-    """Result of the loop on the effect; None where it has not run."""
-    if diagnosis is None:
-        return None
-    named = next((e for e in diagnosis.effects if e.name == name), None)
-    tried = next((c for r in diagnosis.rounds for c in r.candidates if c.name == name), None)
-    return EffectVerdict(
-        verdict=diagnosis.verdict,
-        named=named is not None,
-        parameters=named.parameters if named else None,
-        rivals=named.rivals if named else (),
-        rival_of=tuple(e.name for e in diagnosis.effects if name in e.rivals),
-        tried=tried,
-    )

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.results.diagnosis import CoefficientLimit, LoopEstimate, TriedCandidate
+from nearlift.results.diagnosis import CoefficientLimit
 from nearlift.results.document import IfAny, Numbers, Real, Unbounded
 from nearlift.results.estimate import Estimate, Noise
 from nearlift.results.outlook import EffectOutlook, UnseenBias, UntestableEffect
@@ -179,7 +179,6 @@ class Confusion:
 
     effect: str
     energy_absorbed: Real
-    correlation: Real
     rival_chance: Real
 
 
@@ -210,20 +209,6 @@ class EffectSize:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EffectVerdict:
-    """Result of the loop on an effect in this campaign; `rival_of`: the identified effects that
-    it is a rival of.
-    """
-
-    verdict: Verdict
-    named: bool
-    parameters: Mapping[str, LoopEstimate] | None
-    rivals: tuple[str, ...]
-    rival_of: tuple[str, ...]
-    tried: TriedCandidate | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class NoCandidate:
     """An effect that this boundary's trials say nothing of: what it needs, or a `reason`."""
 
@@ -235,18 +220,14 @@ class NoCandidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CandidateEffect:
-    """An effect that this boundary's trials could show; `in_this_campaign` is None where the loop
-    has not run.
-    """
+    """An effect that this boundary's trials could show."""
 
     testable: Literal[True] = True
     base_model: str
     trials: int
     false_alarm_rate: Real
-    draws: int
     few_visits: bool
     noise: Noise
-    in_this_campaign: EffectVerdict | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
