@@ -89,6 +89,14 @@ def test_the_sign_is_that_of_the_change_from_rest(tmp_path: Path, zero: float, w
     assert tables["records"]["force"]["sign"] == way
 
 
+def test_codes_of_a_converter_are_no_start(tmp_path: Path) -> None:
+    t, force = sweeps.started(1.5, 0.05, 100, 7)
+    force[20:40] = force[250:260] = -32768.0
+    tables = proposed(tmp_path / "a.csv", t_s=t, thrust_g=force)
+    assert tables["load_cell"]["tare"] == "1.3 s"
+    assert tables["records"]["force"]["sign"] == 1
+
+
 def test_without_a_rest_the_sign_is_asked_for(tmp_path: Path) -> None:
     columns = {"t_s": np.arange(400) / 100, "thrust_g": -300 + np.sin(np.arange(400.0))}
     assert proposed(tmp_path / "a.csv", **columns)["records"]["force"]["sign"] == 1

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import readers
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings, tables
 from nearlift.onboarding.grids import Grid, grid_of
@@ -26,6 +27,8 @@ from nearlift.reduction.start import RotorStart, start_of, wrap_of
 #: First bytes of a DataFlash log: two that begin each message, and the type of its formats.
 DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
+#: Different codes of a converter that one record has at most.
+MOST_CODES = 4
 #: Share of a sweep's largest lift that its first level has at rest.
 NEAR_ZERO = 0.3
 FOLDERS = "name files; `nearlift new DIR --from FOLDER` takes them all"
@@ -79,14 +82,14 @@ class Inspection:
         """Start of the rotors, in samples; None where it is not detectable."""
         if self.force is None or not self.force.rate_Hz or self.ramp is not None:
             return None
-        return start_of(self.force.values, self.force.rate_Hz)
+        return start_of(_without_codes(self.force.values), self.force.rate_Hz)
 
     @property
     def sign(self) -> int:
         """Sign of the change from rest to lift, 1 or -1; 0 where no rest is detectable."""
         if self.force is None or self.wraps:
             return 0
-        force = self.force.values
+        force = _without_codes(self.force.values)
         # the rate decides when the start is, and not its way
         start = None if self.ramp else start_of(force, self.force.rate_Hz or 1.0)
         levels = levels_of(force if start is None else force[start.steady_from :])
@@ -178,6 +181,23 @@ def inspect(
         unnamed=unnamed,
         table=table if table is not None and table.lists_trials else None,
     )
+
+
+def _without_codes(force: FloatArray) -> FloatArray:
+    """The force (n,) with a straight line in place of extremes that are farther from all other
+    readings than these from each other, but for those of its ends: codes of a converter.
+    """
+    at, kept, ends = np.arange(len(force)), np.isfinite(force), {*force[:5], *force[-5:]}
+    for _ in range(MOST_CODES):
+        values = np.unique(force[kept])
+        if len(values) < 3:
+            break
+        gaps = np.diff(values)[[0, -1]]
+        extreme = values[0] if gaps[0] > gaps[1] else values[-1]
+        if gaps.max() < 0.5 * (values[-1] - values[0]) or extreme in ends:
+            break
+        kept &= force != extreme
+    return np.interp(at, at[kept], force[kept]) if kept.any() else force
 
 
 def _with_unit(channel: Channel) -> Channel:
