@@ -12,7 +12,7 @@ from tests.unit.small_run import nearlift
 
 from nearlift.campaign import manifest as manifests
 from nearlift.onboarding.inspection import inspect
-from nearlift.onboarding.shown import block
+from nearlift.onboarding.shown import block, notes
 from nearlift.schedule import read_schedule
 
 
@@ -86,6 +86,37 @@ def test_distance_and_throttle_as_tables_call_them(
     tables = block_of(written.put(tmp_path, "t.csv", table(distance, throttle, "F [N]")))
     assert tables["records"] == {"reader": "means"}
     assert {k: tables["trials"]["units"][k] for k in units} == units
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "height,throttle,lift\n{h} mm,40 %,{a} N\n{h} mm,60 %,{b} N\n",
+        "h_mm,throttle,Lift [N]\n{h},40%,{a} N\n{h},60%,{b} N\n",
+        "height (mm),Lift (N),\n,40 %,60 %\n{h},{a},{b}\n",
+        "height (mm),Lift (N) at throttle,\n,40 %,60 %\n{h},{a},{b}\n",
+    ],
+)
+def test_units_and_throttles_in_cells(tmp_path: Path, content: str) -> None:
+    *header, row = (
+        content.splitlines(keepends=True)
+        if ",40 %,60" in content
+        else (content.partition("\n")[0] + "\n", content.partition("\n")[2])
+    )
+    rows = "".join(row.format(h=h, a=2 + 4 / h, b=4 + 8 / h) for h in (20, 40, 80, 160))
+    seen = inspect(written.put(tmp_path, "t.csv", ("".join(header) + rows).encode()))
+    assert seen.table is not None
+    schedule = seen.table.schedule(means=True)
+    assert schedule.units == {"distance": "mm", "throttle": "percent", "lift": "N"}
+    cells = schedule.trials[["distance", "throttle", "lift"]].astype(float)
+    assert sorted(cells.iloc[0]) == [2.2, 20, 40]
+    assert len(cells) == 8
+
+
+def test_cells_in_several_units_are_named(tmp_path: Path) -> None:
+    rows = "".join(f"{h},40 %,{2 + 1 / i} N\n" for i, h in enumerate(("8 mm", "4 cm", "9 cm"), 1))
+    seen = inspect(written.put(tmp_path, "t.csv", f"height,throttle,lift\n{rows}".encode()))
+    assert "line 3 has '4 cm' in column 'height', no number of mm" in " ".join(notes(seen))
 
 
 def test_a_maximum_is_no_lift_and_two_cells_are_no_table_of_means(tmp_path: Path) -> None:

@@ -42,12 +42,12 @@ def named(heading: str) -> tuple[str, str]:
     bare, unit = split_unit(heading)
     if unit:
         return bare, WORDS["units"].get(fold(unit), unit)
-    if heading.rstrip().endswith("%"):
-        return heading.rstrip(" %"), "percent"
-    # a unit before the last words, as in "Thrust (lbf) mean"
-    within = re.fullmatch(r"([^()\[\]]+)[(\[]([^()\[\]]+)[)\]]\s*(\w[\w ]*)", heading.strip())
+    # a unit before the last words, as in "Thrust (lbf) mean" and "Lift (N) at 40 %"
+    within = re.fullmatch(r"([^()\[\]]+)[(\[]([^()\[\]]+)[)\]]\s*(\w[\w %]*)", heading.strip())
     if within and (inner := unit_word(within[2])):
         return f"{within[1].rstrip()} {within[3]}", inner
+    if heading.rstrip().endswith("%"):
+        return heading.rstrip(" %"), "percent"
     # the unit last, as in "Kraft / N", "Thrust, gf" and "Zeit in s"
     for sign in (" / ", ",", " in "):
         head, _, last = heading.strip().rpartition(sign)

@@ -12,7 +12,7 @@ import pandas as pd
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
-from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect, fold
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect, fold, parted
 from nearlift.readers.files import content_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
@@ -136,6 +136,15 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
         f"{name} ({unit})" if unit and not headings.named(name)[1] else name
         for name, unit in zip(layout.names, layout.units, strict=True)
     ]
+    for place, name in enumerate(stated):
+        # cells such as "30 mm", if all have one unit
+        pairs = cells[place].map(parted)
+        units = {unit for number, unit in pairs if _is_number(number)}
+        if len(units) == 1 and units != {""} and pairs.map(lambda pair: _is_number(pair[0])).all():
+            bare, unit = headings.named(name)
+            if headings.schedule_column(name)[0] != "trial" and unit in ("", *units):
+                stated[place] = f"{bare} ({units.pop()})"
+                cells[place] = pairs.map(lambda pair: pair[0])
     names, cells = _lengthened(stated, cells)
     written = list(layout.names) if names == stated else names
     meant = columns_meant(names, [cells[place].to_list() for place in cells])

@@ -381,8 +381,8 @@ def _merged(
         counted = [int(part) for part in parts] == [*counts]
         if not counted and any(row[k].isdecimal() for k in inside):
             return (), ()
-    elif any(map(NUMBER.fullmatch, below)) or not (
-        all(below) and over[0] and sum(map(bool, over)) > 1
+    elif not (all(parts) and over[0] and sum(map(bool, over)) > 1) or (
+        any(map(NUMBER.fullmatch, below)) or any(parted(row[k])[1] for k in inside)
     ):
         return (), ()
     names, units = [], []
