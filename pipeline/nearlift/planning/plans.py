@@ -219,16 +219,12 @@ def further_rows(
 ) -> str:
     """Visits as further rows of a schedule with these columns, and a supply where that is moved.
 
-    Cells that a trial's run will fill are blank. Trials are numbered on, in the last session; with
-    a unit of `start`, at times after the last one's.
+    Cells that a trial's run will fill are blank. Trials are numbered on, in the last session.
     """
     header = [name for name in columns if name not in campaign.trials.constants]
     if any(v.supply_V is not None for batch in batches for v in batch.visits):
         header = list(dict.fromkeys((*header, "supply")))
     ids = _numbered_on(trials["trial"].tolist())
-    timed = "start" in campaign.trials.units and "start_s" in trials
-    start_s = trials["start_s"] if timed else np.zeros(1)
-    spacing = float(np.median(np.diff(start_s))) if len(start_s) > 1 else 0.0
     rows = [
         {
             "boundary": "none" if np.isinf(visit.z_hat) else batch.boundary,
@@ -245,9 +241,6 @@ def further_rows(
     ]
     frame = pd.DataFrame(rows)
     frame["trial"] = [next(ids) for _ in rows]
-    if timed:
-        later = start_s[-1] + spacing * np.arange(1, len(rows) + 1)
-        frame["start"] = [outside(campaign, "start", round(s, 1)) for s in later.tolist()]
     return frame.reindex(columns=header).to_csv(index=False, lineterminator="\n")
 
 
