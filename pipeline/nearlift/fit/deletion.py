@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
+from nearlift.fit.information import joint_information
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood.problem import Likelihood
 from nearlift.results import IntArray
@@ -89,20 +90,13 @@ def influence_on(
     the other trials as far as those determine them.
     """
     data, covariance, p = problem.data, problem.covariance, len(theta)
-    jacobian = problem.jacobian(theta)[:, list(free)]
-    length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    known = covariance.shared
-    z = np.hstack([known, data.level_design, jacobian / length])
+    joint = joint_information(problem, problem.jacobian(theta)[:, list(free)])
     y = np.log(data.lift_N) - problem.log_ratio(theta)
-    size = z.shape[1]
-    curved = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])])
-    solved = covariance.solve_own(np.column_stack([z, y]).T).T
+    solved = covariance.solve_own(np.column_stack([joint.design, y]).T).T
     weighed, weighed_y = solved[:, :-1], solved[:, -1]
-    curved += z.T @ weighed
-    inverse = np.linalg.pinv(curved, rcond=1e-13, hermitian=True)
-    rest = weighed_y - weighed @ (inverse @ (weighed.T @ y))
+    rest = weighed_y - weighed @ (joint.covariance @ (weighed.T @ y))
     gains = np.zeros((data.n, p))
-    gains[:, list(free)] = weighed @ inverse[:, size - len(free) :] / length
+    gains[:, list(free)] = joint.gain.T
     of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
     visit, label = np.unique(data.visit, return_inverse=True)
     of_visit = np.full((len(visit), p), np.nan)
@@ -111,7 +105,7 @@ def influence_on(
     for index, precision in covariance.precision_blocks():
         whole = np.linalg.eigvalsh(precision).max(axis=1)
         columns, error, gain = weighed[index], rest[index], gains[index].swapaxes(-1, -2)
-        information = precision - columns @ inverse @ columns.swapaxes(-1, -2)
+        information = precision - columns @ joint.covariance @ columns.swapaxes(-1, -2)
         diagonal = np.diagonal(information, axis1=1, axis2=2)
         safe = np.where(diagonal > DETERMINED * whole[:, None], diagonal, np.nan)
         residual[index] = error / np.sqrt(safe)

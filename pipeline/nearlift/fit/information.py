@@ -92,13 +92,15 @@ def parameter_covariance(
     return np.asarray(inverse / unit, dtype=np.float64), determined
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JointInformation:
     """Inverse of the information on q unknowns: m shared errors of unit variance, k coefficients of
     the trials' `level_design`, and p parameters, at the slices of their names.
 
     Attributes
     ----------
+    design : (n, q)
+        Change of each trial's log lift per unit change of each unknown.
     covariance : (q, q)
         With undetermined parameters as if known.
     determined : (p,) bool
@@ -107,6 +109,7 @@ class JointInformation:
         trial's log lift.
     """
 
+    design: FloatArray
     covariance: FloatArray
     determined: NDArray[np.bool_]
     gain: FloatArray
@@ -135,11 +138,7 @@ def joint_information(problem: Likelihood, jacobian: FloatArray) -> JointInforma
     first, q = design.shape[1] - p, design.shape[1]
     # the triangle's square is the information; its last block's, that of the parameters alone
     rotation, triangle = np.linalg.qr(np.vstack([weights.whiten_own(design.T).T, np.eye(m, q)]))
-    inner, toll, outer = (
-        triangle[:first, :first],
-        triangle[:first, first:],
-        triangle[first:, first:],
-    )
+    (inner, toll), outer = np.hsplit(triangle[:first], [first]), triangle[first:, first:]
     whole = np.linalg.norm(triangle[m:, first:], axis=0)
     covariance, determined = parameter_covariance(outer.T, whole)
     root = np.zeros((q, q))
@@ -147,9 +146,15 @@ def joint_information(problem: Likelihood, jacobian: FloatArray) -> JointInforma
     root[first:, first:] = covariance @ outer.T
     root[:first, first:] = -root[:first, :first] @ toll @ root[first:, first:]
     gain = weights.whiten_own(root[m:] @ rotation[:n].T, transposed=True)
-    places = slice(0, m), slice(m, first), slice(first, q)
     return JointInformation(
-        root @ root.T, determined, gain[first - m :], gain[: first - m], *places
+        design=design,
+        covariance=root @ root.T,
+        determined=determined,
+        gain=gain[first - m :],
+        level_gain=gain[: first - m],
+        shared=slice(0, m),
+        levels=slice(m, first),
+        parameters=slice(first, q),
     )
 
 
