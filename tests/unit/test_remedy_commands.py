@@ -91,13 +91,6 @@ def fitted(root: Path, folder: Path | None = None) -> Path:
     return folder
 
 
-def not_diagnosed(root: Path) -> tuple[list[object], Stands]:
-    folder = fitted(root, small_run.write(root / "raw", visits=2))
-    return ["diagnose", folder, "--out", root, "--explain", "zero_offset"], {
-        "CAMPAIGN": f"{folder} --out {root}"
-    }
-
-
 def not_fitted(root: Path) -> tuple[list[object], Stands]:
     folder = small_run.write_means(root / "raw", 24, quick=True)
     return ["compare", "--out", root], {"CAMPAIGN": f"{folder} --out {root}"}
@@ -156,7 +149,6 @@ STATES: dict[str, list[Callable[[Path], tuple[list[object], Stands]]]] = {
     "nearlift new DIR --from FILE": [a_table_of_means, a_table_of_trials],
     "nearlift describe": [no_such_symbol, no_such_model],
     "nearlift run --dry-run CAMPAIGN": [not_ingested],
-    "nearlift diagnose CAMPAIGN": [not_diagnosed],
     "nearlift run CAMPAIGN": [not_fitted, one_of_them_not_fitted],
     "nearlift inspect FILE": [
         another_format("lvm"),
