@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -47,7 +49,8 @@ def test_the_fit_is_the_integral_on_a_dense_grid():
     e, known = found.estimates["alpha"], fit(CEILING, data, (), SCATTER, found.slope).problem
     alpha = found.theta[0] + np.linspace(-6, 6, 301) * e.u
     offset = np.linspace(0.0, standard * 3**0.5, 801)
-    log = np.array([known.moved(d).chi2(alpha[:, None]) for d in offset]) / -2
+    moved = [dataclasses.replace(known, offset_m=known.offset_m + d) for d in offset]
+    log = np.array([problem.chi2(alpha[:, None]) for problem in moved]) / -2
     log += norm.logpdf(offset, scale=standard)[:, None]
     weight = np.exp(log - log.max())
     dense = weight.sum(axis=0) / weight.sum()

@@ -154,9 +154,9 @@ def test_height_slope_at_an_offset_is_that_of_stations_moved_so_far():
         np.log(sanchez_cuevas(near + step_m / RADIUS))
         - np.log(sanchez_cuevas(near - step_m / RADIUS))
     ) / (2 * step_m)
-    assert problem(data=data).moved(offset_m).height_slope(np.array([2.0])) == pytest.approx(
-        by_hand, rel=1e-5
-    )
+    assert dataclasses.replace(problem(data=data), offset_m=offset_m).height_slope(
+        np.array([2.0])
+    ) == pytest.approx(by_hand, rel=1e-5)
 
 
 def test_where_a_model_has_no_value_chi2_is_infinite():

@@ -239,20 +239,6 @@ def lines(
     def of_visits(x: FloatArray) -> FloatArray:
         return np.asarray((group_sums(x, visit) ** 2).sum(axis=1), dtype=np.float64)
 
-    def scattered(
-        standard: float,
-        sizes: dict[str, FloatArray],
-        unit: str = "1",
-        scope: str = "trial",
-        name: str = "",
-        **known: Any,
-    ) -> Line:
-        variance, spread = sum(sizes.values(), np.zeros(len(g))), _spread(scatter, sizes, len(g))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
-        name, without = NAMES[name or next(iter(sizes))], replace(whole, **known)
-        return Line(name, variance, without, standard, unit, scope, dof=dof, sizes=sizes)
-
     record2 = (data.u_lift_N / data.lift_N) ** 2
     record, each = independent(RECORD_NOISE, record2), squares * record2
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -260,21 +246,31 @@ def lines(
         record_dof = np.nan_to_num(record.variance**2 / spread, nan=np.inf)
     relative2 = np.full(data.n, scatter.relative**2)
     force2 = (scatter.force_N / data.lift_N) ** 2
-    height2, common2 = of_visits(scatter.height_m * g * slope), of_visits(scatter.common * g)
-    drift2 = {
-        f"drift{k}": size**2 * _drifted(g, age)
-        for k, (size, age) in enumerate(zip(scatter.drift, ages(data).T, strict=False))
+    sizes = {
+        "relative": squares @ relative2,
+        "force_N": squares @ force2,
+        "height_m": of_visits(scatter.height_m * g * slope),
+        "common": of_visits(scatter.common * g),
     }
-    listed = [
-        replace(record, standard=float(np.sqrt(np.mean(record2))), dof=record_dof),
-        scattered(scatter.relative, {"relative": squares @ relative2}, variance=less(relative2)),
-        scattered(scatter.force_N, {"force_N": squares @ force2}, "N", variance=less(force2)),
-        scattered(
-            scatter.height_m, {"height_m": height2}, "m", "visit", per_visit=np.zeros(data.n)
-        ),
-        scattered(scatter.common, {"common": common2}, scope="visit", common=0.0),
-        scattered(scatter.drift_rms, drift2, scope="campaign", name="drift", drift=0 * whole.drift),
-    ]
+    for k, (size, age) in enumerate(zip(scatter.drift, ages(data).T, strict=False)):
+        sizes[f"drift{k}"] = size**2 * _drifted(g, age)
+    listed = [replace(record, standard=float(np.sqrt(np.mean(record2))), dof=record_dof)]
+    known: dict[str, Any]
+    for name, standard, unit, scope, known in (
+        ("relative", scatter.relative, "1", "trial", {"variance": less(relative2)}),
+        ("force_N", scatter.force_N, "N", "trial", {"variance": less(force2)}),
+        ("height_m", scatter.height_m, "m", "visit", {"per_visit": np.zeros(data.n)}),
+        ("common", scatter.common, "1", "visit", {"common": 0.0}),
+        ("drift", scatter.drift_rms, "1", "campaign", {"drift": 0 * whole.drift}),
+    ):
+        mine = {key: size for key, size in sizes.items() if key.startswith(name)}
+        variance, spread = sum(mine.values(), np.zeros(len(g))), _spread(scatter, mine, len(g))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
+        without = replace(whole, **known)
+        listed.append(
+            Line(NAMES[name], variance, without, standard, unit, scope, dof=dof, sizes=mine)
+        )
     assumed = whole.variance - trial_variance(data, scatter)
     for part, which in _columns(data, parts):
         variance = independent_variance(data, part, slope)

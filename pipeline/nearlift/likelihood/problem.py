@@ -10,7 +10,7 @@ by a percent or less, so the difference to a likelihood in force is of second or
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -40,10 +40,6 @@ class Likelihood:
     offset_m: float = 0.0
     #: Added to the log ratio whatever the parameters, a number or (n,).
     shift: FloatArray | float = 0.0
-
-    def moved(self, offset_m: float) -> Likelihood:
-        """The problem with every distance moved by `offset_m` more."""
-        return replace(self, offset_m=self.offset_m + offset_m)
 
     @property
     def names(self) -> tuple[str, ...]:
