@@ -66,8 +66,6 @@ class Estimator:
         d log ratio / dz there.
     fixed : (p,) mask
         At a bound, or undetermined.
-    z_hat : (n,)
-        Of the trials, as recorded.
     """
 
     problem: Likelihood
@@ -79,7 +77,6 @@ class Estimator:
     parts: tuple[Component, ...]
     slope: FloatArray
     fixed: NDArray[np.bool_]
-    z_hat: FloatArray
 
     @classmethod
     def from_fit(cls, fit: LeastSquaresFit) -> Estimator:
@@ -95,7 +92,6 @@ class Estimator:
             parts=fit.parts,
             slope=fit.slope,
             fixed=np.array([e.at_bound or not np.isfinite(e.u) for e in estimates], dtype=bool),
-            z_hat=fit.problem.data.z_hat,
         )
 
     def quoted(
@@ -193,8 +189,8 @@ class Estimator:
         moved = deletion.influence_on(self.problem, self.theta, free)
         return {
             name: LargestShifts(
-                trial=largest(data.trial, moved.of_trial[:, i], data.trial, self.z_hat),
-                visit=largest(moved.visit, moved.of_visit[:, i], data.visit, self.z_hat),
+                trial=largest(data.trial, moved.of_trial[:, i], data.trial, data.z_hat),
+                visit=largest(moved.visit, moved.of_visit[:, i], data.visit, data.z_hat),
             )
             for i, name in enumerate(self.problem.names)
         }

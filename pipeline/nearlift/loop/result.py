@@ -219,7 +219,6 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
         parts=problem.parts,
         slope=problem.slope,
         fixed=(value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u),
-        z_hat=problem.data.z_hat,
     )
 
 
