@@ -21,8 +21,7 @@ from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
 from nearlift.reduction.quality import CODES, rejected
 from nearlift.report import curves
-from nearlift.report.evidence import Evidence, pick
-from nearlift.report.figures import downwash
+from nearlift.report.evidence import Evidence
 from nearlift.report.phrases import (
     along,
     chance,
@@ -47,8 +46,6 @@ from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, like, plain, signed
 from nearlift.schedule import BY_NAME
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
-from nearlift.stages.fit import FIT
-from nearlift.stages.flow import DOWNWASH
 from nearlift.stages.ingest import TRIALS
 
 #: A base model whose chi2 has a smaller p-value than this is rejected.
@@ -229,26 +226,6 @@ class Brief:
         mm = 1e3 * at * self.evidence.campaign.vehicle.rotor_radius
         where = f"a recorded ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)"
         return f"Lift changes by less than {100 * SEEN:g} % beyond {where}."
-
-    @property
-    def flow(self) -> str:
-        """Downwash that PIV measured, and what the base lift model implies."""
-        if not self.evidence.has(DOWNWASH, FIT):
-            return ""
-        rows = pick(downwash.table(self.evidence), panel=self.boundary, kind="measured")
-        if not len(rows):
-            return ""
-        # cuts of the inflow first, then the nearest
-        row = rows.assign(wake=rows["label"] != "").sort_values(["wake", "z_hat"]).iloc[0]
-        ends = ("reduction_percent", "lo90_percent", "hi90_percent")
-        measured, low, high = (fixed(float(row[n]), 1) for n in ends)
-        implied = downwash.implied(self.evidence, self.boundary, float(row["z_hat"]))
-        model = f"; the lift model implies {fixed(implied, 1)} %" if math.isfinite(implied) else ""
-        wake = " in the wake" if row["label"] else ""
-        return (
-            f"PIV at ẑ = {plain(float(row['z_hat']), 3)}: {measured} % less downwash{wake}"
-            f" (90 %: {low} to {high}){model}."
-        )
 
     @property
     def findings(self) -> list[str]:
@@ -454,9 +431,6 @@ class Brief:
         detect, columns = self._to_detect
         steps += detect if done.isdisjoint(columns) else []
         if large := [e.title for e in self.unstated if e.in_u > 1]:
-            # "rotor radius and spacing"
-            if large[0].startswith("rotor "):
-                large[1:] = [w.removeprefix("rotor ") for w in large[1:]]
             steps.append(f"state the uncertainty of {listed(large)}")
         elif self.headline and not steps:
             # the measurement that would lower its uncertainty most

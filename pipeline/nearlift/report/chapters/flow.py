@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from nearlift.campaign.piv import PivCase
 from nearlift.flow.downwash import WARNINGS
-from nearlift.report import blocks, words
+from nearlift.report import blocks
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import cut, manifest
@@ -29,7 +29,6 @@ def facts(evidence: Evidence) -> Markup:
     tilted = fig5.cases(evidence)
     wake = blocks.figure("fig5"), _topology(evidence, tilted)
     return blocks.join(
-        blocks.items(filter(None, (b.flow for b in words.briefs(evidence))), ""),
         blocks.figure("downwash"),
         blocks.figure("fig3"),
         blocks.fold("Every case", _cases(evidence), blocks.figure("fig4")),

@@ -36,7 +36,6 @@ def summary(evidence: Evidence) -> bytes:
         for text in (
             brief.omits,
             brief.reach,
-            brief.flow,
             f"Error: {error}" if error else "",
             brief.sources,
             f"Doubt: {doubts[0]}" if doubts else "",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -78,14 +76,6 @@ def reduction(evidence: Evidence, name: str, z_hat: FloatArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         velocity = np.asarray(model.downwash(z_hat, **known), dtype=float)
     return 100 * (1 - np.broadcast_to(velocity, np.shape(z_hat)))
-
-
-def implied(evidence: Evidence, boundary: Boundary, z_hat: float) -> float:
-    """Reduction of downwash in percent that the base model implies; nan without an inflow."""
-    base = evidence.fits.base.get(boundary, "")
-    if not base or catalogue.model(base).downwash is None:
-        return math.nan
-    return float(reduction(evidence, base, np.array([z_hat]))[0])
 
 
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
