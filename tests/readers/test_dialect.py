@@ -127,8 +127,10 @@ def test_counts_that_are_no_numbers_of_columns_stay_a_row() -> None:
         # row numbers of pandas and R
         (",t,F\n0,0.1,2\n1,0.2,3\n", ("index", "t", "F"), 2),
         ('"","t","F"\n"1",0.1,2\n"2",0.2,3\n', ("index", "t", "F"), 2),
-        # a rate above the names
-        ("Devices\n1000\n,Plate,,\nFrame,Fx,Fy,Fz\n,N,N,N\n1,2,3,4\n", ("Frame", "Fx", "Fy", "Fz"), 6),
+        ("  t [s]   F [N]\n 0.1 2\n 0.2 3\n", ("t[s]", "F[N]"), 2),
+        # names and values above the columns' names
+        ("DMM\nSerial,123\nRange,10\n\nNo,F,Unit\n1,2,V dc\n2,3,V dc\n3,4,V dc\n", ("No", "F", "Unit"), 6),
+        ("Devices\n1000\n,Plate,,\nFrame,Fx,Fy,Fz\n,N,N,N\n1,2,3,4\n2,3,4,5\n", ("Frame", "Fx", "Fy", "Fz"), 6),
         ('"t","F"\n"0,5","1,25"\n"1,5","2,5"\n', ("t", "F"), 2),
     ],
 )  # fmt: skip

@@ -94,9 +94,9 @@ def test_a_bad_number_makes_no_column_of_words(tmp_path: Path, bad: int, names: 
 
 
 def test_a_column_that_is_not_asked_for_may_hold_anything(tmp_path: Path) -> None:
-    content = "t,state,force\n" + "".join(f"{i},{'ERR' if i == 9 else i},2\n" for i in range(20))
+    content = "t,state,force\n" + "".join(f"{i},{'BAD' if i == 9 else i},2\n" for i in range(20))
     assert values(plain(tmp_path, content)) == [2] * 20
-    with pytest.raises(InputRefused, match="line 11: 'ERR' in column 'state' is not a number"):
+    with pytest.raises(InputRefused, match="line 11: 'BAD' in column 'state' is not a number"):
         read(tmp_path, content)
 
 
@@ -135,6 +135,7 @@ def test_a_recipe_reads_what_has_no_header(tmp_path: Path) -> None:
         ("t,F\n0,0.123mN\n1,nan mN\n2,-1.5mN\n", "mN"),
         ("t,F [g]\n0,0.123 g\n1,OVER\n2,-1.5 g\n", "g"),
         ("t;F\n0 s;0,123 N\n1 s;\n2 s;-1,5 N\n", "N"),
+        ("t,F\n0:00:00,0.123 N\n0:00:01,ERR\n0:00:02,-1.5 N\n", "N"),
     ],
 )
 def test_units_in_cells(tmp_path: Path, content: str, unit: str) -> None:

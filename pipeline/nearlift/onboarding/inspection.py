@@ -27,6 +27,8 @@ from nearlift.reduction.start import RotorStart, start_of, wrap_of
 #: First bytes of a DataFlash log: two that begin each message, and the type of its formats.
 DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
+#: Columns without names that names are proposed for.
+MOST_COLUMNS = 64
 #: Different codes of a converter that one record has at most.
 MOST_CODES = 4
 #: Share of a sweep's largest lift that its first level has at rest.
@@ -233,7 +235,7 @@ def _read(
         try:
             contents = reader.open(path, reader.checked_dialect(stated))
         except NoNames as refusal:
-            if tables.several(path, stated) is not None:
+            if refusal.columns > MOST_COLUMNS or tables.several(path, stated) is not None:
                 raise
             # the file is read by the names that are proposed
             unnamed = True

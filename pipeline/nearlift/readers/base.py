@@ -134,6 +134,9 @@ def unit_word(cell: str) -> str | None:
 
 def parted(cell: str) -> tuple[str, str]:
     """Number and unit of a cell such as ``0.123 N``; the cell and no unit of any other."""
+    if cell[-1:].isdecimal():
+        # most cells are bare numbers
+        return cell, ""
     tail = re.split(r"^nan|\d", cell, flags=re.IGNORECASE)[-1]
     unit = unit_word(tail.strip(" .,")) if tail != cell else ""
     return (cell[: len(cell) - len(tail)], unit) if unit else (cell, "")

@@ -318,17 +318,36 @@ def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, stric
     """Index of the first line that holds a number, or of words for "no number" right above it;
     `strict`: and no other words than units behind numbers.
     """
-    first = skip
+
+    def numbers(cells: Sequence[str], others: Sequence[str] = ()) -> list[float | None]:
+        """The numbers of cells; with a unit, unless the one below has none or another."""
+        read = []
+        for cell, other in itertools.zip_longest(cells, others[: len(cells)], fillvalue=""):
+            number, unit = parted(cell)
+            below = signs.value(other) if unit else None
+            alike = parted(other)[1] == unit or (below is not None and math.isnan(below))
+            read.append(signs.value(number if alike else cell))
+        return read
+
+    def some(values: Sequence[float | None]) -> bool:
+        return any(value is not None and value == value for value in values)
+
+    last = [
+        cells for cells in (_cut(x, signs) for x in lines[skip:][-READ:]) if some(numbers(cells))
+    ]
+    usual = max(lengths := [len(cells) for cells in last], key=lengths.count, default=0)
+    first, cells = skip, list[str]()
+    below = _cut(lines[skip], signs) if skip < len(lines) else []
     for at in range(skip, len(lines)):
-        cells = _cut(lines[at], signs)
-        numbers = [signs.value(parted(cell)[0] if strict else cell) for cell in cells]
-        numeric = any(value is not None and value == value for value in numbers)
-        if len(cells) == 1 and any(len(_cut(line, signs)) > 1 for line in lines[at + 1 : at + 2]):
-            # a number by itself above a header
-            numeric = False
-        if numeric and (not strict or None not in numbers):
-            return min(first, at)
-        if None in numbers or not lines[at].strip():
+        above, cells = cells, below
+        below = _cut(lines[at + 1], signs) if at + 1 < len(lines) else cells
+        values = numbers(cells, below)
+        if some(values) and not (strict and None in values):
+            # else a name and its value, or a value by itself, above the columns' names
+            named = len(above) == len(cells) > 1 and set(numbers(above)) == {None}
+            if named or usual in (0, len(cells)):
+                return min(first, at)
+        if None in values or not lines[at].strip():
             first = at + 1
     remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
     raise _unfit(-1, where, "holds no row of numbers in any known dialect", remedy, NoRows)
@@ -405,7 +424,11 @@ def _unit(cell: str) -> str | None:
 
 def _names(line: str, signs: Layout, below: Sequence[str]) -> tuple[str, ...]:
     """The cells of a line if they may be names of the columns of a row, else none."""
-    row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), signs)
+    line = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
+    if signs.separator == BLANKS:
+        # units in brackets behind blanks
+        line = re.sub(r"(?<=\S)[ \t]+(?=[\[(])", "", line)
+    row = _cut(line, signs)
     while len(row) > 1 and row[-1] == "":
         row.pop()
     if len(row) == len(below) > 1 and not row[0]:

@@ -38,7 +38,7 @@ SEPARATORS = {
 SPOKEN = {sign: f"{name}s" for name, sign in SEPARATORS.items()} | {NONE: "line ends"}
 #: Words of loggers for "no number", in lower case.
 NO_NUMBER = re.compile(
-    r"(?:[-+]?(?:nan|inf)|over|ovf?l|o\.?l|#nv|#?n/a|na|null|-?1\.#(?:inf|qnan|ind))?"
+    r"(?:[-+]?(?:nan|inf)|over|ovf?l|o\.?l|#nv|#?n/a|na|null|-?1\.#(?:inf|qnan|ind)|err(?:or)?|--+)?"
 )
 #: The usual spellings of these words, for pyarrow; it knows nan and inf itself.
 _WORDS = [

@@ -102,7 +102,8 @@ def plain(content: bytes, where: str, said: Dialect) -> Plain:
     content = content.removeprefix(codecs.BOM_UTF8)
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    content = content.replace("\N{MINUS SIGN}".encode(), b"-")
+    if (minus := "\N{MINUS SIGN}".encode()) in content:
+        content = content.replace(minus, b"-")
     if said.thousands == " ":
         # spreadsheets write blanks at which no line breaks
         for sign in "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}":
