@@ -13,6 +13,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.likelihood import student
 from nearlift.results.answers import Population, SpreadPrior
 from nearlift.results.estimate import Estimate
 
@@ -92,25 +93,10 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
 
 def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> Estimate:
     """Mean, standard deviation and 90 % interval of a mixture of normals."""
-    from scipy.optimize import brentq
-    from scipy.special import ndtr
-
     mean = float(weight @ centre)
     u = float(np.sqrt(weight @ (sd**2 + (centre - mean) ** 2)))
-    safe = np.maximum(sd, 1e-12 * max(abs(mean), u, 1e-300))
-
-    def quantile(p: float) -> float:
-        low, high = float((centre - 9 * safe).min()), float((centre + 9 * safe).max())
-        return float(
-            brentq(
-                lambda x: float(weight @ ndtr((x - centre) / safe)) - p,
-                low,
-                high,
-                xtol=1e-12 * max(abs(low), abs(high)),
-            )
-        )
-
-    return Estimate(value=mean, u=u, lo90=quantile(TAIL), hi90=quantile(1 - TAIL), unit=unit)
+    low, high = student.mixture(TAIL, np.column_stack([weight, centre, sd]), np.inf)
+    return Estimate(value=mean, u=u, lo90=low, hi90=high, unit=unit)
 
 
 def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> Estimate:

@@ -26,23 +26,22 @@ def quantile(probability: float, dof: float) -> float:
 
 
 def interval(level: float, readings: Sequence[Mixture], dof: float) -> tuple[float, float]:
-    """Union of the intervals of mixtures at a level, 0 to 1."""
-    low, high = zip(*(_of_mixture(level, members, dof) for members in readings), strict=True)
-    return min(low), max(high)
-
-
-def _of_mixture(level: float, members: Mixture, dof: float) -> tuple[float, float]:
-    """Interval of a mixture.
+    """Union of the intervals of mixtures at a level, 0 to 1.
 
     A mean over models covers less than it states, since none of several may be exact. Its tails
     are therefore halved.
     """
+    ends = [mixture(0.5 * (1 - level) / min(len(m), 2), np.array(m), dof) for m in readings]
+    return min(low for low, _ in ends), max(high for _, high in ends)
+
+
+def mixture(tail: float, members: FloatArray, dof: float) -> tuple[float, float]:
+    """Quantiles `tail` and 1 - `tail` of a mixture; `members` (m, 3) as of a `Mixture`."""
     from scipy.optimize import brentq
     from scipy.special import stdtr
 
-    share, value, u = np.array(members, dtype=float).T
+    share, value, u = members.T
     share = share / share.sum()
-    tail = 0.5 * (1 - level) / min(len(share), 2)
     reach, freedom, scale = quantile(1 - tail, dof), min(dof, 1e12) or 1.0, np.maximum(u, 1e-300)
     half = np.multiply(reach, u, out=np.zeros_like(u), where=u > 0)
 
