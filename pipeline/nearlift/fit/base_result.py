@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from nearlift.fit import information
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import budget
@@ -30,10 +29,7 @@ def base_result(
     errors = " and ".join([f"the {noise}", *budget.stated(fit.parts)])
     holds = f"Includes {errors}, but no effect: the residuals were not diagnosed"
     doubts, shapes = estimator.doubts(), shape_doubts(entry)
-    scale = np.sqrt(np.diag(fit.covariance))
-    safe = np.where(scale > 0, scale, 1.0)
-    correlation = fit.covariance / np.outer(safe, safe)
-    np.fill_diagonal(correlation, 1.0)
+    correlation = information.correlation(fit.covariance)
     return BoundaryResult(
         verdict="not_diagnosed",
         reason=reason,

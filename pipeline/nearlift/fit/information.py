@@ -427,10 +427,10 @@ def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: fl
     whole, best = variance(0.0), max(variance(EXACT), 0.0)
     u, u_best = scale * whole**0.5, scale * best**0.5
     r = (1 - best / whole) ** 0.5
-    correlation, needed = f"multiple r = {r:.2f}", float("nan")
+    correlated, needed = f"multiple r = {r:.2f}", float("nan")
     if len(within) == 1:
         r = float(np.copysign(r, covariance[i, other.members.start]))
-        correlation = f"r = {signed(r, 2)}"
+        correlated = f"r = {signed(r, 2)}"
     effect = (
         f"With exact {other.name}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
     )
@@ -446,7 +446,7 @@ def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: fl
         u=u,
         u_best=u_best,
         unit=other.unit,
-        text=f"{who} correlates with {other.called} ({correlation}). {effect}",
+        text=f"{who} correlates with {other.called} ({correlated}). {effect}",
     )
 
 
@@ -505,11 +505,11 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
     joint = joint_information(problem, jacobian)
     unknowns = np.eye(len(joint.covariance))
     shown = np.vstack([unknowns[joint.parameters], problem.data.shown(unknowns[joint.levels])])
-    correlation = _correlation(shown @ joint.covariance @ shown.T)
+    pairwise = correlation(shown @ joint.covariance @ shown.T)
     others = {name: letter(name) for name in names}
     others |= {f"L_inf at {t:.0%}": f"L_inf at {t:.0%} throttle" for t in problem.data.levels}
     for j, (other, called) in enumerate(others.items()):
-        for name, r in zip(names[:j], correlation[j].tolist(), strict=False):
+        for name, r in zip(names[:j], pairwise[j].tolist(), strict=False):
             if abs(r) > DEGENERATE:
                 add(name, other, r, f"and {called} are confounded: r = {signed(r, 3)}")
     columns = {"height offset": problem.height_slope(theta) / 1000}
@@ -521,8 +521,8 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
             add(names[0], other, 1.0, f"and the {other} are not distinguishable in these trials")
             continue
         size = f"{plain(float(freed.u[-1]), 2)}{' mm' if other == 'height offset' else ''}"
-        correlation = _correlation(freed.parameter_covariance)[-1]
-        for name, r, u in zip(names, correlation.tolist(), freed.u.tolist(), strict=False):
+        with_other = correlation(freed.parameter_covariance)[-1].tolist()
+        for name, r, u in zip(names, with_other, freed.u.tolist(), strict=False):
             if abs(r) > DEGENERATE:
                 text = (
                     f"and an unknown {other} are confounded: r = {signed(r, 3)}. With a free"
@@ -533,8 +533,11 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
     return tuple(pairs)
 
 
-def _correlation(covariance: FloatArray) -> FloatArray:
-    """Correlation matrix of a covariance; 0 where a variance is 0."""
-    size = np.sqrt(np.diag(covariance))
+def correlation(covariance: FloatArray) -> FloatArray:
+    """Symmetric correlation matrix of a covariance; 0 off the diagonal where a variance is 0."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(size > 0, size, 1.0)
-    return np.asarray(covariance / np.outer(safe, safe), dtype=np.float64)
+    unit = 0.5 * (covariance + covariance.T) / np.outer(safe, safe)
+    result: FloatArray = np.clip(unit, -1.0, 1.0)
+    np.fill_diagonal(result, 1.0)
+    return result

@@ -144,12 +144,8 @@ def _correlation(candidate: Candidate, covariance: FloatArray) -> Correlation:
     """Correlation of the parameters that all sessions share; zero where one does not vary."""
     places = {s.parameter.name: s.start for s in candidate.slots if s.stop - s.start == 1}
     entries = list(places.values())
-    covariance = covariance[np.ix_(entries, entries)]
-    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale = np.where(u > 0, u, 1.0)
-    unit = np.clip(0.5 * (covariance + covariance.T) / np.outer(scale, scale), -1.0, 1.0)
-    np.fill_diagonal(unit, 1.0)
-    return Correlation(parameters=tuple(places), values=tuple(tuple(row) for row in unit.tolist()))
+    values = information.correlation(covariance[np.ix_(entries, entries)]).tolist()
+    return Correlation(parameters=tuple(places), values=tuple(tuple(row) for row in values))
 
 
 def _holds(answer: Answer, answers: Answers) -> str:
