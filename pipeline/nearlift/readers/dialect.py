@@ -271,10 +271,9 @@ def _fitted(
     trailing = more if more > 0 and signs.separator.strip() and not any(row[-more:]) else 0
     if len(names) != len(row) - trailing:
         what = f"has {len(row) - trailing} cells under {len(names)} column names"
-        remedy = "a decimal comma makes two cells of one; save it with points, or with semicolons"
-        remedy += " between cells"
-        if "," not in lines[start]:
-            remedy = f"name all: dialect = {{ skip = {start}, columns = [...] }} under [records]"
+        remedy = f"name all: dialect = {{ skip = {start}, columns = [...] }} under [records]"
+        if "," in lines[start]:
+            remedy = "a decimal comma makes two cells of one; save it with points, or semicolons"
         raise _unfit(0, at, what, remedy)
     # a separator that cuts nothing, and one that is there and does not cut
     bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])

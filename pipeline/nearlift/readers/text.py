@@ -225,32 +225,28 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
 
     A column of times of day is read as seconds; notes name those that cannot be read.
     """
-    body, notes = text.body.split(b"\n", layout.first - 1)[-1], []
+    body = text.body.split(b"\n", layout.first - 1)[-1]
+    notes = [f"text read as {layout.spoken}"] * bool(layout.spoken)
     rows = Lines(body=body, where=where, line=layout.first)
     row = _cells(body.lstrip(b"\n"), layout)[: len(layout.names)]
     words = {i for i, cell in enumerate(row) if layout.value(cell) is None}
-    times = {i for i in words if is_time(row[i])}
-    measured = {i for i in words if parted(row[i])[1]}
-    split = two_columns(layout.names)
-    if layout.spoken:
-        notes.append(f"text read as {layout.spoken}")
+    spelled = {i for i in words if is_time(row[i]) or parted(row[i])[1]}
+    clocks = two_columns(layout.names)
     if names is None:
-        chosen = {*layout.numeric} | ((times | measured) & {*layout.texts})
+        chosen = {*layout.numeric} | spelled & {*layout.texts}
         notes += [
-            f"column {name!r} is not read: {row[i]!r} is no {kind} that is known"
+            f"column {name!r} is not read: {row[i]!r} is no time of day or number that is known"
             for i, name in enumerate(layout.names)
-            for kind in ("time of day", "number")
-            if i in words - times - measured
+            if i in words - spelled
             and (
-                re.search(r"\d:\d\d", row[i]) or fold(split_unit(name)[0]) in CALLED_TIME
-                if kind == "time of day"
-                else layout.units[i]
+                layout.units[i]
+                or re.search(r"\d:\d\d", row[i])
+                or fold(split_unit(name)[0]) in CALLED_TIME
             )
         ]
         if text.encoding in ("latin-1", "cp1252") and not text.said.encoding:
-            notes.append(
-                f"text read as {text.encoding}: if letters are wrong, state `encoding` in dialect"
-            )
+            sure = "if letters are wrong, state `encoding` in dialect"
+            notes.append(f"text read as {text.encoding}: {sure}")
     else:
         chosen = {i for name in names for i in fitting(layout.names, name)}
         if not chosen:
@@ -258,39 +254,34 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
             place = f"{where}, line {max(layout.first - 1, 1)}"
             # refuses: none of them fits
             pick(channels, names[0], "records.force.column", place)
-        chosen |= {
-            i for whole, (rest, _) in split.items() if chosen & {whole, rest} for i in (whole, rest)
-        }
-    numbers, spelled = sorted(chosen - times - measured), sorted(chosen & (times | measured))
-    arrays, texts = parse(rows, layout, numbers, spelled)
+        pairs = ({whole, rest} for whole, (rest, _) in clocks.items())
+        chosen = chosen.union(*(pair for pair in pairs if pair & chosen))
+    numbers, others = sorted(chosen - spelled), sorted(chosen & spelled)
+    arrays, texts = parse(rows, layout, numbers, others)
     columns = {i: (layout.units[i], values) for i, values in zip(numbers, arrays, strict=True)}
-    for i, cells in zip(spelled, texts, strict=True):
-        name = layout.names[i]
-        if i in times:
-            unit, (values, bad) = "s", seconds_of(cells)
-            notes += [f"column {name!r} is a time of day: read as seconds from its first"] * (
-                bad is None
-            )
-        else:
-            unit = layout.units[i] or parted(row[i])[1]
-            values, bad = _measured(cells, layout, unit)
+    for i, cells in zip(others, texts, strict=True):
+        name, is_clock = layout.names[i], is_time(row[i])
+        unit = "s" if is_clock else layout.units[i] or parted(row[i])[1]
+        values, bad = seconds_of(cells) if is_clock else _measured(cells, layout, unit)
         if bad is None:
             columns[i] = unit, values
+            if is_clock:
+                notes.append(f"column {name!r} is a time of day: read as seconds from its first")
             continue
         line = [number for number, _ in rows][bad]
-        kind = "time of day" if i in times else f"number of {unit}"
+        kind = "time of day" if is_clock else f"number of {unit}"
         what = f"has {cells[bad]!r} in column {name!r}, no {kind}"
         if names is not None:
             raise InputRefused(f"{where}, line {line}", what, CORRECT_LINE)
         notes.append(f"column {name!r} is not read: line {line} {what}")
-    for whole, (rest, unit_s) in split.items():
-        if {whole, rest} <= columns.keys():
-            seconds = joined(columns[whole][1], columns[rest][1], unit_s)
-            if seconds is not None:
-                columns[whole] = "s", seconds
-                del columns[rest]
-                pair = f"{layout.names[whole]!r} and {layout.names[rest]!r}"
-                notes.append(f"columns {pair} are one clock: read as seconds from its first")
+    for whole, (rest, unit_s) in clocks.items():
+        both = {whole, rest} <= columns.keys()
+        seconds = joined(columns[whole][1], columns[rest][1], unit_s) if both else None
+        if seconds is not None:
+            columns[whole] = "s", seconds
+            del columns[rest]
+            pair = f"{layout.names[whole]!r} and {layout.names[rest]!r}"
+            notes.append(f"columns {pair} are one clock: read as seconds from its first")
     return Contents(
         channels=tuple(
             Channel(name=layout.names[i], unit=unit, values=values)
