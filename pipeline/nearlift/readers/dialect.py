@@ -262,7 +262,7 @@ def _fitted(
     """
     start = _first_row(lines, where, signs, said.skip, strict)
     near = [_cut(line, signs) for line in lines[start - 1 : start + 2]] if start else []
-    if len(near) == 3 and not said.columns and _merged(*near)[0]:
+    if len(near) == 3 and not said.columns and _merged(*near):
         # numbers of columns under a merged cell are no row
         start = _first_row(lines, where, signs, start + 1, strict)
     at, row = f"{where}, line {start + 1}", _cut(lines[start], signs)
@@ -363,8 +363,8 @@ def _header(
     # names over several columns, and their parts below
     merged = [_merged(cut[k + 1], cut[k], row) for k in (0, 1)]
     plain = [_names(lines[i], signs, row) for i in above[:2]] + [(), ()]
-    lower, upper = (whole[0] or names for whole, names in zip(merged, plain, strict=False))
-    if upper and not merged[0][0]:
+    lower, upper = (whole or names for whole, names in zip(merged, plain, strict=False))
+    if upper and not merged[0]:
         # a row of units below that of names
         units = [_unit(cell) for cell in cut[0]][: len(upper)]
         if len(units) == len(upper) and None not in units and any(units):
@@ -376,43 +376,39 @@ def _header(
         refusal = NoNames(at, what, remedy)
         refusal.lines, refusal.columns = 1, len(row)
         raise refusal
-    return lower, merged[0][1] or tuple(split_unit(name)[1] for name in lower), above[0]
+    return lower, tuple(split_unit(name)[1] for name in lower), above[0]
 
 
-def _merged(
-    over: Sequence[str], below: Sequence[str], row: Sequence[str]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of columns with cells `over` them that are merged, as ``Force,,``, and parts
-    `below`: names, or numbers of columns. None where the two lines are no such names.
+def _merged(over: Sequence[str], below: Sequence[str], row: Sequence[str]) -> tuple[str, ...]:
+    """Names of columns of which cells `over` them are merged, as ``Force,,``, and parts `below` are
+    names, or numbers of columns; none where the two lines are no such names.
 
     Numbers are those of columns if they count from 1, or if those of the `row` after them have
     decimals.
     """
     whole = [next(filter(None, over[k::-1]), "") for k in range(len(over))]
-    inside = [k for k, name in enumerate(whole) if name and not over[k]]
-    inside = sorted({*inside, *(k - 1 for k in inside)})
+    inside = [k for k, name in enumerate(whole) if name and "" in over[k : k + 2]]
     if not inside or not len(over) == len(below) == len(row):
-        return (), ()
-    parts, counted = [below[k] for k in inside], True
+        return ()
+    parts = [below[k] for k in inside]
     if all(part.isdecimal() for part in parts):
-        counts = (1 if over[k] else int(below[k - 1]) + 1 for k in inside)
-        counted = [int(part) for part in parts] == [*counts]
-        if not counted and any(row[k].isdecimal() for k in inside):
-            return (), ()
+        counts = [1 if over[k] else int(below[k - 1]) + 1 for k in inside]
+        if counts != [*map(int, parts)] and any(row[k].isdecimal() for k in inside):
+            return ()
     elif not (all(parts) and over[0] and sum(map(bool, over)) > 1) or (
         any(map(NUMBER.fullmatch, below)) or any(parted(row[k])[1] for k in inside)
     ):
-        return (), ()
-    names, units = [], []
+        return ()
+    names = []
     for k, (name, part) in enumerate(zip(whole, below, strict=True)):
         bare, unit = split_unit(name)
-        if k in inside and unit:
-            names.append(f"{bare} {part} [{unit}]")
+        if k in inside:
+            names.append(f"{bare} {part}" + f" [{unit}]" * bool(unit))
+        elif stated := unit_word(part):
+            names.append(f"{name} [{stated}]")
         else:
-            apart = k not in inside and NUMBER.fullmatch(part)
-            names.append(name if apart else f"{name} {part}".strip())
-        units.append(unit or split_unit(names[-1])[1] or (unit_word(part) or ""))
-    return tuple(names), tuple(units)
+            names.append(name if NUMBER.fullmatch(part) else f"{name} {part}".strip())
+    return tuple(names)
 
 
 def _unit(cell: str) -> str | None:

@@ -33,7 +33,6 @@ from nearlift.readers.base import (
     Reader,
     RecordsDialect,
     fitting,
-    fold,
     parted,
     pick,
     rate_of,
@@ -57,11 +56,6 @@ HEAD = 1 << 15
 #: Layouts of earlier files, by dialect stated, encoding, and the bytes above the first row.
 _earlier: dict[tuple[Dialect, str, bytes], Layout] = {}
 MOST_KEPT = 8
-#: Names of columns that hold times.
-CALLED_TIME = (
-    *("time", "timestamp", "time of day", "datetime", "date", "clock", "stamp", "t"),
-    *("zeit", "uhrzeit", "datum", "heure", "temps", "hora", "tiempo", "時刻", "時間"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,12 +231,7 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
         notes += [
             f"column {name!r} is not read: {row[i]!r} is no time of day or number that is known"
             for i, name in enumerate(layout.names)
-            if i in words - spelled
-            and (
-                layout.units[i]
-                or re.search(r"\d:\d\d", row[i])
-                or fold(split_unit(name)[0]) in CALLED_TIME
-            )
+            if i in words - spelled and (layout.units[i] or re.search(r"\d\D\d", row[i]))
         ]
         if text.encoding in ("latin-1", "cp1252") and not text.said.encoding:
             sure = "if letters are wrong, state `encoding` in dialect"
