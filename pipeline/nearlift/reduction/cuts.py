@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from nearlift.declare import FloatArray
 from nearlift.reduction.stretch import SD_PER_MAD, median
@@ -28,10 +29,8 @@ PENALTY = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Span:
-    """A piece of a record.
-
-    It has its number, from 1 in the record's order, and three samples: its first, its first
-    settled, and one past the last.
+    """A piece of a record: its number, from 1 in the record's order; its first sample, its first
+    settled one, and one past the last.
     """
 
     number: int
@@ -73,8 +72,7 @@ def by_level(values: FloatArray, hold: float = 0.0) -> list[Cut]:
                 kept.append(start)
                 low = high = value
         starts = np.array(kept)
-    ends = [*starts[1:].tolist(), len(values)]
-    return list(zip(starts.tolist(), ends, strict=True))
+    return list(itertools.pairwise([*starts.tolist(), len(values)]))
 
 
 def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
@@ -89,7 +87,8 @@ def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
     whose noise is estimated from the differences of neighbours. Every change is then moved to the
     sample that fits best within a batch.
     """
-    values = _filled(values)
+    known = pd.Series(np.where(np.isfinite(values), values, np.nan))
+    values = np.asarray(known.ffill().bfill().fillna(0.0), dtype=np.float64)
     n = len(values)
     size = max(smallest // BATCHES, math.ceil(n / MOST), 1)
     m = n // size
@@ -111,16 +110,6 @@ def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
         ends.append(int(before[ends[-1]]))
     edges = [0, *(_moved(values, size * e, size) for e in reversed(ends[1:])), n]
     return _joined(values, edges, step)
-
-
-def _filled(values: FloatArray) -> FloatArray:
-    """The values, each missing one as the one before, the first ones as the first known one."""
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return np.where(known, values, 0.0)
-    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
-    last[: int(np.argmax(known))] = int(np.argmax(known))
-    return values[last]
 
 
 def _sums(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -156,8 +145,7 @@ def _joined(values: FloatArray, edges: Sequence[int], step: float) -> list[Cut]:
 
 def windows(first: int, end: int, length: int) -> list[Cut]:
     """Windows of so many samples; what is left at the end is one more, if it is half as long."""
-    edges = list(range(first, end, length))
-    cuts = [(a, min(a + length, end)) for a in edges]
+    cuts = [(a, min(a + length, end)) for a in range(first, end, length)]
     return cuts if cuts and 2 * (cuts[-1][1] - cuts[-1][0]) >= length else cuts[:-1]
 
 

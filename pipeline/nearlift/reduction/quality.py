@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import functools
+import itertools
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -97,13 +98,9 @@ def joined(names: Iterable[str]) -> str:
 
 def rejected(quality: NDArray[Any], aside: str = "") -> BoolArray:
     """Mask of the trials that fits leave out, from a `quality` column, one code left aside."""
-    return np.array([_rejects(text, aside) for text in quality], dtype=bool)
-
-
-# thousands of trials share a few texts
-@functools.lru_cache(maxsize=256)
-def _rejects(text: str, aside: str) -> bool:
-    return any(name.isupper() and name != aside for name in text.split())
+    # thousands of trials share a few texts
+    rejects = {t: any(c.isupper() and c != aside for c in t.split()) for t in {*quality}}
+    return np.array([rejects[text] for text in quality], dtype=bool)
 
 
 def reason(text: str, fault: str = "") -> str:
@@ -117,8 +114,8 @@ def remarks(quality: NDArray[Any]) -> list[str]:
     accepted = [text.split() for text in quality[~rejected(quality)] if text]
     if not accepted:
         return []
-    counts = {name: sum(name in names for names in accepted) for name in CODES}
-    said = ", ".join(f"{name} {n}" for name, n in counts.items() if n)
+    counts = Counter(itertools.chain(*accepted))
+    said = ", ".join(f"{name} {counts[name]}" for name in CODES if counts[name])
     carry = "s carry" if len(accepted) > 1 else " carries"
     return [f"{len(accepted)} accepted trial{carry} a remark: {said}"]
 
