@@ -103,7 +103,7 @@ def nearlift(*words: object) -> Result:
     return CliRunner().invoke(main, [str(w) for w in words])
 
 
-def undrawn(_: Any, table: pd.DataFrame, simulated: bool) -> dict[str, bytes]:
+def undrawn(_: Any, table: pd.DataFrame, simulated: bool = False) -> dict[str, bytes]:
     """In place of `figures.files.render`: what depends on the table and the mark, without the
     seconds of drawing.
     """
