@@ -141,7 +141,7 @@ def test_headers_as_programs_write_them(content: str, names: tuple[str, ...], fi
 
 def test_one_line_above_numbers_names_no_two_columns() -> None:
     with pytest.raises(NoNames):
-        layout("=~= log of 2026.03.01 =~=\n0.1,2\n0.2,3\n")
+        layout("=~= log of 2026.03.01 =~=\n0.1;2\n0.2;3\n")
     with pytest.raises(InputRefused, match=r"has 3 cells under 2 .*\n.*skip = 1, columns"):
         layout("t;F\n1;0.1;2\n2;0.2;3\n")
     with pytest.raises(InputRefused, match="has one sign between cells and in numbers"):

@@ -432,4 +432,6 @@ def _names(line: str, signs: Layout, below: Sequence[str]) -> tuple[str, ...]:
     if any(NUMBER.fullmatch(parted(cell)[0]) for cell in row) or not all(row):
         return ()
     several = signs.separator.strip() and len(row) > 1
-    return tuple(row) if several or len(row) in (len(below), len(below) - (not below[-1])) else ()
+    # a separator at the end of each row, or a decimal comma
+    one_more = not below[-1] or signs.separator == ","
+    return tuple(row) if several or len(row) in (len(below), len(below) - one_more) else ()
