@@ -40,8 +40,8 @@ SURELY_LESS = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fits:
-    """All fits of a campaign: fit.json, results.json before a diagnosis, rows of profiles.parquet
-    and posterior.parquet, and notes for the console.
+    """All fits of a campaign: fit.json, results.json before a diagnosis, rows of
+    posterior.parquet, and notes for the console.
     """
 
     results: FitResults = field(default_factory=FitResults)
@@ -82,10 +82,9 @@ def fit_boundary(
     parts = budget.components(campaign)
 
     def entry(model: LiftModel, fitted: LeastSquaresFit) -> ModelFit:
-        profiled = profiles.likelihood_profiles(fitted)
         entry, draws, notes = add_posterior(
             fitted,
-            summary(fitted, profiled),
+            summary(fitted, profiles.likelihood_profiles(fitted)),
             campaign.fit,
             seed,
             data_sha256,
