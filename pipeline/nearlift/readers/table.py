@@ -7,6 +7,7 @@ the first bad line. Both give the bits of Python's `float`.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -214,13 +215,14 @@ def parse(
 
     if layout.thousands or b"\0" in rows.body:
         return by_line(rows, layout, numbers, texts)
-    body, separator, quote = rows.body, layout.separator, '"'
+    body, separator = rows.body, layout.separator
+    quotes = body.count(b'"') if b'"' in body else 0
     if separator == BLANKS:
         cells = (filter(None, line.split(b" ")) for line in body.replace(b"\t", b" ").split(b"\n"))
-        body, separator, quote = b"\n".join(map(b"\t".join, cells)), "\t", ""
+        body, separator, quotes = b"\n".join(map(b"\t".join, cells)), "\t", 0
     elif separator == NONE:
         # a character that no text holds
-        separator, quote = "\x1f", ""
+        separator, quotes = "\x1f", 0
     names = [f"c{i}" for i in range(len(layout.names))]
     kinds = dict.fromkeys([names[i] for i in numbers], pa.float64())
     kinds |= dict.fromkeys([names[i] for i in texts], pa.string())
@@ -228,29 +230,40 @@ def parse(
     blank = [f"blank{i}" for i in range(layout.trailing)]
     names += blank
     kinds |= dict.fromkeys(blank, pa.null())
-    try:
-        table = pc.read_csv(
-            pa.BufferReader(body),
-            read_options=pc.ReadOptions(column_names=names, use_threads=False, block_size=1 << 20),
-            parse_options=pc.ParseOptions(delimiter=separator, quote_char=quote or False),
-            convert_options=pc.ConvertOptions(
-                include_columns=list(kinds),
-                column_types=kinds,
-                null_values=[""] if layout.trailing else ["", *_WORDS],
-                check_utf8=False,
-                decimal_point=layout.decimal,
-            ),
-        )
-        words = [[str(cell or "").strip() for cell in table[f"c{i}"].to_pylist()] for i in texts]
-    except (pa.ArrowInvalid, UnicodeDecodeError):
+    # looking each cell up among the words takes a fifth of the time, and most files have none
+    for known_words in [[]] if layout.trailing else [[], _WORDS]:
+        with contextlib.suppress(pa.ArrowInvalid, UnicodeDecodeError):
+            table = pc.read_csv(
+                pa.BufferReader(body),
+                read_options=pc.ReadOptions(
+                    column_names=names, use_threads=False, block_size=1 << 20
+                ),
+                parse_options=pc.ParseOptions(
+                    delimiter=separator, quote_char='"' if quotes else False
+                ),
+                convert_options=pc.ConvertOptions(
+                    include_columns=list(kinds),
+                    column_types=kinds,
+                    null_values=["", *known_words],
+                    check_utf8=False,
+                    decimal_point=layout.decimal,
+                ),
+            )
+            words = [[str(c or "").strip() for c in table[f"c{i}"].to_pylist()] for i in texts]
+            break
+    else:
         return by_line(rows, layout, numbers, texts)
     # a quote without its other half may swallow lines
-    if quotes := body.count(b'"'):
+    if quotes:
         lines_of_text = sum(map(bool, map(bytes.strip, body.split(b"\n"))))
         if quotes % 2 or table.num_rows != lines_of_text:
             return by_line(rows, layout, numbers, texts)
-    arrays = [floats(table[f"c{i}"].combine_chunks()) for i in numbers]
-    return [np.where(np.isfinite(values), values, np.nan) for values in arrays], words
+    return [_without_infinity(floats(table[f"c{i}"].combine_chunks())) for i in numbers], words
+
+
+def _without_infinity(values: FloatArray) -> FloatArray:
+    finite = np.isfinite(values)
+    return values if finite.all() else np.where(finite, values, np.nan)
 
 
 def floats(column: Any) -> FloatArray:

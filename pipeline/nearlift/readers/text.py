@@ -62,15 +62,20 @@ MOST_KEPT = 8
 class Plain:
     """Whole lines of a text in UTF-8 with line feeds, one row to a line.
 
-    `lines` are those that the sniffer sees, `said` the part of the dialect that is stated and not
-    dealt with. `cut`: the end of a last line is missing.
+    `said` is the part of the dialect that is stated and not dealt with. `cut`: the end of a last
+    line is missing.
     """
 
     body: bytes
-    lines: list[str]
     said: Dialect
     encoding: str
     cut: bool
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines that the sniffer sees."""
+        head = self.body[:HEAD].rpartition(b"\n")[0].decode("utf-8", "replace")
+        return head.split("\n") if self.body else []
 
 
 def plain(content: bytes, where: str, said: Dialect) -> Plain:
@@ -113,9 +118,7 @@ def plain(content: bytes, where: str, said: Dialect) -> Plain:
         if said.labels:
             lines, said = _without_labels(lines, where, said)
         body = "".join(f"{line}\n" for line in lines).encode()
-    head = body[:HEAD].rpartition(b"\n")[0].decode("utf-8", "replace")
-    lines = head.split("\n") if body else []
-    return Plain(body=body, lines=lines, said=said, encoding=encoding, cut=cut)
+    return Plain(body=body, said=said, encoding=encoding, cut=cut)
 
 
 def _without_labels(lines: Sequence[str], where: str, said: Dialect) -> tuple[list[str], Dialect]:
@@ -184,7 +187,7 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
     text = plain(content, where, said)
     for (stated, encoding, top), layout in list(_earlier.items()):
         known = (stated, encoding) == (text.said, text.encoding) and text.body.startswith(top)
-        cells = _cells(text.body[len(top) :], layout) if known else []
+        cells = _cells(text.body[len(top) : len(top) + HEAD], layout) if known else []
         # numbers in the same columns
         if any(cells) and all(
             (layout.value(cell) is None) == (i in layout.texts and cell != "")
@@ -192,7 +195,8 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
         ):
             # this file may be of another dialect; if not, it is refused again
             with contextlib.suppress(InputRefused):
-                refuse_thousands(layout, text.lines, where, text.said)
+                if layout.decimal == ",":
+                    refuse_thousands(layout, text.lines, where, text.said)
                 return by_layout(text, layout, names, where)
     try:
         layout = sniff(text.lines, where, text.said, names)
@@ -210,7 +214,7 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
 def _cells(rows: bytes, layout: Layout) -> list[str]:
     """The cells of the first line; none where a quote has no other half."""
     with contextlib.suppress(csv.Error):
-        return layout.split(rows[:HEAD].split(b"\n", 1)[0].decode("utf-8", "replace"))
+        return layout.split(rows.split(b"\n", 1)[0].decode("utf-8", "replace"))
     return []
 
 
@@ -222,7 +226,7 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     body = text.body.split(b"\n", layout.first - 1)[-1]
     notes = [f"text read as {layout.spoken}"] * bool(layout.spoken)
     rows = Lines(body=body, where=where, line=layout.first)
-    row = _cells(body.lstrip(b"\n"), layout)[: len(layout.names)]
+    row = _cells(body[:HEAD].lstrip(b"\n"), layout)[: len(layout.names)]
     words = {i for i, cell in enumerate(row) if layout.value(cell) is None}
     spelled = {i for i in words if is_time(row[i]) or parted(row[i])[1]}
     clocks = two_columns(layout.names)
