@@ -13,7 +13,7 @@ import os
 import stat
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ SAFE_PATH = "PYTHONSAFEPATH"
 #: What numba and matplotlib read when they are imported: the one can name code to be loaded, the
 #: other's values have been evaluated as code.
 SETTINGS = (".numba_config.yaml", "matplotlibrc")
-_ONE_AT_A_TIME = threading.Lock()
+#: A library may load another.
+_ONE_AT_A_TIME = threading.RLock()
 
 
 @contextlib.contextmanager
@@ -57,6 +58,12 @@ def library(name: str) -> Any:
             finally:
                 os.path.exists = real
     return importlib.import_module(name)
+
+
+def load(names: Iterable[str]) -> None:
+    """Import modules ahead of their use, in this process."""
+    for name in names:
+        library(name)
 
 
 def end_with_parent() -> None:

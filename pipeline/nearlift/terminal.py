@@ -42,8 +42,8 @@ COMMON = (
     ),
     click.Option(
         ["--executor"],
-        default="threads:2",
-        help="serial, threads:N, processes:N or dask:ADDRESS.",
+        default="auto",
+        help="serial, threads:N, processes:N or dask:ADDRESS; auto is one of the first three.",
     ),
     click.Option(["--seed"], type=int, default=0, help="Seed of everything random."),
     click.Option(

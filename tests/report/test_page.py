@@ -9,6 +9,7 @@ import itertools
 import re
 from html.parser import HTMLParser
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from tests.unit.elements import Elements, follow
 from nearlift.report import charts as interactive
 from nearlift.report.page.render import page, scripts
 from nearlift.report.registry import CHAPTERS, FIGURES, PARTS
+from nearlift.run.workers import open_executor
 from nearlift.stages import report
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
@@ -96,6 +98,15 @@ def test_running_twice_gives_the_same_tables_and_words(made):
     assert {"index.html", "summary.txt", "fig2.csv"} <= {path.name for path in before}
     report.run(job)
     assert content() == before
+
+
+def test_another_process_draws_the_same(made, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])
+    job, before = made[0], digests(made[0].reports)
+    with open_executor("processes:1") as pool:
+        pool.load(["nearlift.report.registry"])
+        report.run(dataclasses.replace(job, executor=pool))
+    assert digests(job.reports) == before
 
 
 def test_the_page_fetches_nothing(made):

@@ -12,6 +12,11 @@ def late_first(x):
     return x
 
 
+def where(x):
+    time.sleep(0.05)
+    return x, os.getpid()
+
+
 def die(_):
     os.kill(os.getpid(), signal.SIGKILL)
 

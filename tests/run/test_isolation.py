@@ -108,6 +108,7 @@ from nearlift.run.workers import open_executor
 if __name__ == "__main__":
     with open_executor("processes:2") as pool:
         print(*{pool.submit(os.getpid).result() for _ in range(4)}, *[pool.submit(time.sleep, 600) and "" for _ in range(2)], flush=True)
+        time.sleep(600)
 """
 READER = """
 import sys

@@ -12,14 +12,22 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.run.tasks import die, late_first, verdict
+from tests.run.tasks import die, late_first, verdict, where
 from tests.unit import small_run
 
 from nearlift import blas, isolation
 from nearlift.errors import InputRefused, UsageError
 from nearlift.run import campaigns, engine
 from nearlift.run.campaigns import run_campaigns
-from nearlift.run.workers import SerialExecutor, open_executor, ordered
+from nearlift.run.workers import (
+    AUTO,
+    LARGE,
+    Processes,
+    SerialExecutor,
+    open_executor,
+    ordered,
+    shared,
+)
 from nearlift.stages import STAGES
 
 FIRST = STAGES[:1]
@@ -39,6 +47,38 @@ def square(x):
 def test_results_come_in_order(name):
     with open_executor(name) as pool:
         assert list(ordered(pool, late_first, range(12))) == list(range(12))
+
+
+def test_this_process_takes_what_no_other_has_begun():
+    done = []
+    with open_executor("processes:1") as pool:
+        answers = list(shared(pool, where, range(30), ahead=20, first=lambda: done.append(True)))
+    assert [x for x, _ in answers] == list(range(30))
+    assert len({pid for _, pid in answers}) == 2
+    assert os.getpid() in {pid for _, pid in answers}
+    assert done == [True]
+
+
+def test_a_fault_here_is_raised_where_its_result_is_due():
+    with open_executor("processes:1") as pool:
+        results = shared(pool, int, ["1", "2", "x"])
+        assert [next(results), next(results)] == [1, 2]
+        with pytest.raises(ValueError, match="invalid literal"):
+            next(results)
+
+
+@pytest.mark.parametrize(
+    ("size", "processors", "kind"),
+    [
+        (LARGE + 1, 8, Processes),
+        (LARGE, 8, concurrent.futures.ThreadPoolExecutor),
+        (LARGE + 1, 1, concurrent.futures.ThreadPoolExecutor),
+    ],
+)
+def test_large_records_are_worth_another_process(monkeypatch, size, processors, kind):
+    monkeypatch.setattr(os, "cpu_count", lambda: processors)
+    with open_executor(AUTO, size) as pool:
+        assert isinstance(pool, kind)
 
 
 def test_what_waits_is_cancelled_when_the_caller_stops():
@@ -104,6 +144,29 @@ def test_an_interrupt_ends_what_processes_do():
     with pytest.raises(KeyboardInterrupt), open_executor("processes:1") as pool:
         interrupted(pool)
     assert time.monotonic() - start < 300
+
+
+DYING = """
+from nearlift.run.workers import open_executor
+
+class Unreadable:
+    def __reduce__(self):
+        return int, ("x",)
+
+if __name__ == "__main__":
+    with open_executor("processes:1") as pool:
+        tasks = [pool.submit(len, item) for item in (Unreadable(), *[bytes(1 << 22)] * 3)]
+        tasks[-1].cancel()
+        tasks[0].exception()
+        raise SystemExit(7)
+"""
+
+
+def test_what_waits_for_a_dead_worker_holds_nobody_up(tmp_path):
+    """Large arguments do not fit into the pipe from which the worker no longer reads."""
+    (tmp_path / "program.py").write_text(DYING)
+    program = [sys.executable, tmp_path / "program.py"]
+    assert subprocess.run(program, timeout=60, check=False, capture_output=True).returncode == 7
 
 
 def test_trials_are_the_same_bytes_wherever_they_were_reduced(tmp_path):

@@ -8,7 +8,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +58,16 @@ WRITING_NS = 10_000_000_000
 Columns = dict[str, NDArray[Any]]
 #: One trial's values of those columns that its record gives, and its quality codes as `codes`.
 Row = Mapping[str, Any]
+
+
+def _columns(reduced: Reduced) -> Row:
+    # `dataclasses.asdict` copies each value, which takes ten times as long
+    return {name: getattr(reduced, name) for name in Reduced.__slots__}
+
+
 #: A trial without a record.
 MISSING: Row = {
-    **asdict(Reduced(codes=("MISSING",))),
+    **_columns(Reduced(codes=("MISSING",))),
     "samples": 0,
     "source_sha256": "",
     "source": "",
@@ -190,7 +197,7 @@ def _answer(task: Task, record: Record, sha256: str) -> RecordAnswer:
     return RecordAnswer(
         record=record.trial,
         rows=tuple(
-            {**asdict(one), "samples": n, **of_the_file}
+            {**_columns(one), "samples": n, **of_the_file}
             for one, n in zip(reduced, samples, strict=True)
         ),
         pieces=tuple(
@@ -248,9 +255,6 @@ def reduced_trials(
     NearliftError
         The schedule or the records are refused, no trial has a record, or none is good.
     """
-    # with it come pandas and scipy, which no worker needs
-    from nearlift.reduction import judge
-
     cell, excluded = campaign.load_cell, campaign.quality.exclude
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
@@ -268,9 +272,6 @@ def reduced_trials(
             for name, value in MISSING.items()
             if name != "codes"
         }
-        if not campaign.cuts_records:
-            judge.mark_constant_tares(columns, codes)
-            del columns["u_zero_N"]
         notes += more
         if cell.tare == "none":
             notes.append(
@@ -282,6 +283,11 @@ def reduced_trials(
                 f"the tares have {samples} samples: too few to show damage of more than one of"
                 f" them ({FEW_OF_TARE} would)"
             )
+    from nearlift.reduction import judge
+
+    if reader.contents is not None and not campaign.cuts_records:
+        judge.mark_constant_tares(columns, codes)
+        del columns["u_zero_N"]
     _mark_pending(campaign, root, stamps, columns["source"].tolist(), codes)
     owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
     notes += judge.record_codes(columns, codes, owners, campaign)
@@ -390,6 +396,9 @@ def _from_records(
     answers: dict[str, RecordAnswer] = {}
     refusals: list[InputRefused] = []
     for done in spread(reduce_piece, tasks):
+        # pandas and scipy, which no worker needs, are loaded while workers read
+        import nearlift.reduction.judge  # noqa: F401
+
         answers |= {answer.record: answer for answer in done}
         refusals += [answer.refusal for answer in done if answer.refusal]
         if 2 * len(refusals) > count:

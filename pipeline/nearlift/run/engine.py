@@ -29,7 +29,7 @@ from nearlift import blas
 from nearlift.errors import InputRefused, NearliftError, ProductError, UsageError
 from nearlift.run import tables
 from nearlift.run.tables import LEDGER, Product
-from nearlift.run.workers import open_executor
+from nearlift.run.workers import Processes, open_executor
 from nearlift.version import __version__
 
 # the command line is made of stages, so what a manifest needs is imported where a job is opened
@@ -90,6 +90,8 @@ class Stage:
         digests of all.
     where : str
         It belongs to a run only where the campaign has this section.
+    imports : tuple of str
+        Modules that it needs and that take long to load; see `Job.ahead`.
     question : tuple of click.Option
         Options with which the command answers a question instead of running the stage.
     example : str
@@ -106,6 +108,7 @@ class Stage:
     inputs: Callable[[Path, Campaign], Inputs] | None = None
     report: bool = False
     where: str = ""
+    imports: tuple[str, ...] = ()
     question: tuple[click.Option, ...] = ()
     example: str = ""
 
@@ -171,6 +174,9 @@ class Job:
         Names among `inputs` that each stage reads.
     stamps : mapping of str to Stamp
         Size and time of last change of each raw file.
+    ahead : tuple of str
+        Modules of the stage that runs and of those after it. They take long to load, which a stage
+        does while it waits.
     pending : dict of str to (bytes or None), or None
         Files of the stage that runs, None for one to be removed. Outside stages it is None, and
         each file is written at once.
@@ -185,6 +191,7 @@ class Job:
     inputs: Mapping[str, str] = field(default_factory=dict)
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     stamps: Mapping[str, Stamp] = field(default_factory=dict)
+    ahead: tuple[str, ...] = ()
     seed: int = 0
     say: Say = silent
     pending: dict[str, bytes | None] | None = None
@@ -273,7 +280,7 @@ def open_job(
         for name, files in listed.items()
         if files != (name,)
     }
-    with open_executor(executor) as pool:
+    with open_executor(executor, sum(size for size, _ in stamps.values())) as pool:
         try:
             yield Job(
                 root=root,
@@ -427,7 +434,7 @@ def run(
         if is_stale:
             # another run may have ended since
             ledger = _ledger(job)
-        for stage in stages:
+        for i, stage in enumerate(stages):
             why = why_stale(job, stage, ledger) if is_stale else ""
             if not (why or force):
                 record = ledger.stages[stage.name]
@@ -435,10 +442,14 @@ def run(
                 yield Step(stage=stage, why="", outcome=outcome)
                 continue
             begin(stage, why or "asked for")
+            job = replace(job, ahead=tuple(name for s in stages[i:] for name in s.imports))
             made_of, start = material(job, stage), time.perf_counter()
             files, outcome = _computed(job, stage)
             wall_s = time.perf_counter() - start
             ledger = _commit(job, stage, ledger, made_of, files, outcome, wall_s)
+            if stage.inputs is not None and isinstance(job.executor, Processes):
+                # its workers have nothing to do until figures are drawn
+                job.executor.load(n for s in stages[i + 1 :] if s.report for n in s.imports)
             yield Step(stage=stage, why=why or "asked for", outcome=outcome, wall_s=wall_s)
 
 

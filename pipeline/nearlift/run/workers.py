@@ -8,13 +8,19 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
+from itertools import islice
 from typing import Any, TypeVar
 
 from nearlift import blas, isolation
 from nearlift.errors import UsageError
+
+#: The executor by default; the size of raw files, bytes, from which on other processes are worth
+#: their start (0.4 s); and how many it starts at most.
+AUTO, LARGE, MOST = "auto", 32 << 20, 3
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -34,11 +40,17 @@ class SerialExecutor(futures.Executor):
 
 
 class Processes(futures.ProcessPoolExecutor):
-    """Fresh processes that import nothing from the current folder and end with this one."""
+    """Fresh processes that import nothing from the current folder and end with this one.
+
+    They are `ready` to draw once they load what that needs.
+    """
+
+    ready = False
 
     def __init__(self, workers: int) -> None:
         import multiprocessing
 
+        self.workers = workers
         spawn = multiprocessing.get_context("spawn")
         # its queues start a resource tracker, which is an interpreter too
         with isolation.safe_path():
@@ -49,24 +61,39 @@ class Processes(futures.ProcessPoolExecutor):
         with isolation.safe_path():
             return super().submit(fn, *args, **kwargs)
 
+    def load(self, names: Iterable[str]) -> None:
+        """Let each process import these modules, while this one goes on."""
+        if names := tuple(names):
+            self.ready = True
+            for _ in range(self.workers):
+                self.submit(isolation.load, names)
+
     def end(self) -> None:
         """End the processes at once, whatever they do."""
-        # this is no part of the library's interface before Python 3.14
+        # neither is part of the library's interface (before Python 3.14)
+        if waiting := getattr(self, "_call_queue", None):
+            # the end of this process would wait until it is sent
+            waiting.cancel_join_thread()
         for process in list((self._processes or {}).values()):
             process.terminate()
 
 
 def _begin() -> None:
-    """Prepare a worker: it ends with its parent and has one BLAS thread."""
+    """Prepare a worker: it ends with its parent, who hears interrupts, and has one BLAS thread."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     isolation.end_with_parent()
     blas.default_to_one_thread()
 
 
 @contextlib.contextmanager
-def open_executor(text: str) -> Iterator[futures.Executor]:
-    """The executor that ``--executor`` names within one campaign: ``serial``, ``threads:N`` or
-    ``processes:N``. A cluster takes whole campaigns (`campaigns.run_campaigns`).
+def open_executor(text: str, size: int = 0) -> Iterator[futures.Executor]:
+    """The executor that ``--executor`` names within one campaign: ``serial``, ``threads:N``,
+    ``processes:N``, or ``auto``, which suits raw files of so many bytes. A cluster takes whole
+    campaigns (`campaigns.run_campaigns`).
     """
+    if text == AUTO:
+        others = min((os.cpu_count() or 1) - 1, MOST)
+        text = f"processes:{others}" if others and size > LARGE else "threads:2"
     kind, _, count = text.partition(":")
     kinds: dict[str, Callable[[int], futures.Executor]] = {
         "serial": lambda _: SerialExecutor(),
@@ -83,13 +110,12 @@ def open_executor(text: str) -> Iterator[futures.Executor]:
         pool = kinds[kind](int(count or os.cpu_count() or 1))
         try:
             yield pool
-        except BaseException:
+        finally:
+            # every result that was wanted is there
             if isinstance(pool, Processes):
                 pool.end()
             # an interpreter that ends before the pool's own thread may print a traceback
             pool.shutdown(cancel_futures=True)
-            raise
-        pool.shutdown()
         return
     raise UsageError("--executor", f"{text!r} {what}", remedy)
 
@@ -103,14 +129,49 @@ def ordered(
     """Results of `task` over `specs`, in order, with at most `ahead` in flight, so that memory
     stays flat.
     """
-    waiting: deque[futures.Future[Result]] = deque()
+    rest, waiting = iter(specs), deque[futures.Future[Result]]()
     try:
-        for spec in specs:
-            waiting.append(executor.submit(task, spec))
-            if len(waiting) >= ahead:
-                yield waiting.popleft().result()
+        waiting.extend(executor.submit(task, spec) for spec in islice(rest, ahead))
         while waiting:
             yield waiting.popleft().result()
+            waiting.extend(executor.submit(task, spec) for spec in islice(rest, 1))
     finally:
         for future in waiting:
+            future.cancel()
+
+
+def shared(
+    executor: Processes,
+    task: Callable[[Task], Result],
+    specs: Iterable[Task],
+    ahead: int = 64,
+    first: Callable[[], None] = lambda: None,
+) -> Iterator[Result]:
+    """`ordered` results to which this process contributes, once it has done something else
+    `first`: it takes what no other has begun, from the end.
+    """
+    rest, here = iter(specs), SerialExecutor()
+    waiting: deque[tuple[Task, futures.Future[Result]]] = deque()
+
+    def submit(count: int) -> None:
+        waiting.extend((spec, executor.submit(task, spec)) for spec in islice(rest, count))
+
+    def take_one() -> bool:
+        for i in reversed(range(len(waiting))):
+            spec, future = waiting[i]
+            if future.cancel():
+                waiting[i] = spec, here.submit(task, spec)
+                return True
+        return False
+
+    try:
+        submit(ahead)
+        first()
+        while waiting:
+            while not waiting[0][1].done() and take_one():
+                pass
+            yield waiting.popleft()[1].result()
+            submit(1)
+    finally:
+        for _, future in waiting:
             future.cancel()

@@ -193,6 +193,7 @@ def quoted_lifts(job: Job) -> QuotedLifts:
 STAGE = Stage(
     name="diagnose",
     run=run,
+    imports=("nearlift.loop.diagnose",),
     summary="look for the cause of the residuals",
     reads=(TRIALS, FIT, DOWNWASH),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, QUOTED_POSTERIOR, RESULTS),

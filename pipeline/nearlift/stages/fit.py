@@ -115,6 +115,7 @@ def write_netcdf(job: Job, draws: tables.Table, results: FitResults) -> str:
 STAGE = Stage(
     name="fit",
     run=run,
+    imports=("nearlift.compiler", "lmfit", "emcee", "nearlift.fit.models"),
     summary="fit lift models by least squares, with posteriors",
     reads=(TRIALS,),
     writes=(FIT, POSTERIOR, RESULTS),

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nearlift.isolation import load
 from nearlift.run.engine import Inputs, Job, Outcome, Stage
 from nearlift.run.tables import Product, integer, real, text
 
@@ -103,9 +104,12 @@ def run(job: Job) -> Outcome:
         written then.
     """
     from nearlift.readers.rows import reduced_trials
-    from nearlift.run.workers import ordered
+    from nearlift.run.workers import Processes, ordered, shared
 
     spread = partial(ordered, job.executor)
+    if isinstance(job.executor, Processes):
+        # libraries are loaded while others read
+        spread = partial(shared, job.executor, first=partial(load, job.ahead))
     table, rejected, notes = reduced_trials(
         job.campaign, job.root, job.inputs, job.stamps, spread, job.say
     )
@@ -130,4 +134,5 @@ STAGE = Stage(
         "quality",
     ),
     inputs=inputs,
+    imports=("nearlift.reduction.judge",),
 )

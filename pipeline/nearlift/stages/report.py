@@ -18,10 +18,14 @@ def run(job: Job) -> Outcome:
     from nearlift.report.page.render import Picture, page
     from nearlift.report.registry import FIGURES
     from nearlift.report.tables import csv
+    from nearlift.run.workers import Processes, SerialExecutor
     from nearlift.stages.gathering import gather
 
+    # matplotlib draws in one thread only
+    workers = job.executor
+    others = workers if isinstance(workers, Processes) and workers.ready else SerialExecutor()
     evidence = gather(job)
-    pictures, missing = [], []
+    drawn, missing = [], []
     for i, spec in enumerate(FIGURES):
         job.say(f"report {spec.name}", i / len(FIGURES))
         rows = spec.table(evidence)
@@ -30,21 +34,25 @@ def run(job: Job) -> Outcome:
             for kind in ("pdf", "png", "csv"):
                 job.put(f"reports/{spec.name}.{kind}", None)
             continue
-        files = render(spec.draw, rows, job.campaign.simulated) | {"csv": csv(rows)}
+        job.put(f"reports/{spec.name}.csv", csv(rows))
+        what = spec.draw, rows, job.campaign.simulated
+        drawn.append((spec, rows, what, others.submit(render, *what)))
+    _documents(job, evidence)
+    chart = charts.fig2(evidence) if any(spec.name == "fig2" for spec, *_ in drawn) else None
+    pictures: list[Picture] = []
+    # the last ones here, as long as no other process has begun them
+    for spec, rows, what, future in reversed(drawn):
+        files = render(*what) if future.cancel() else future.result()
         for kind, content in files.items():
             job.put(f"reports/{spec.name}.{kind}", content)
-        pictures.append(
-            Picture(
-                name=spec.name,
-                title=spec.title,
-                caption=spec.captioned(evidence, rows),
-                alt=spec.alt(rows),
-                png=files["png"],
-            )
+        picture = Picture(
+            name=spec.name,
+            title=spec.title,
+            caption=spec.captioned(evidence, rows),
+            alt=spec.alt(rows),
+            png=files["png"],
         )
-    _documents(job, evidence)
-    drawn = {picture.name for picture in pictures}
-    chart = charts.fig2(evidence) if "fig2" in drawn else None
+        pictures.insert(0, picture)
     job.put("reports/index.html", page(evidence, pictures, chart=chart))
     return Outcome(
         notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in missing)
@@ -83,6 +91,7 @@ def _expected(job: Job, spec: FigureSpec) -> bool:
 STAGE = Stage(
     name="report",
     run=run,
+    imports=("nearlift.report.registry",),
     summary="draw figures, write tables and the page",
     sections=(
         "name",
