@@ -248,11 +248,13 @@ def read_columns(campaign: Campaign, root: Path) -> tuple[dict[str, TextColumn],
             cell, unit = repr(units.quantity(value, dimension, key)), units.SI[dimension]
         columns[name] = TextColumn(name, [cell] * len(rows), "campaign.toml", unit=unit)
     last = re.split(r"[\r\n]", text)[-1]
+    if not last.strip():
+        return columns, []
     note = (
         f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
         " row is wrong and more may be lost; end the line"
     )
-    return columns, [note] if last.strip() else []
+    return columns, [note]
 
 
 def _text_of(path: Path) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import math
 import re
 from collections.abc import Sequence
@@ -63,7 +64,8 @@ def seconds_of(cells: Sequence[str]) -> tuple[FloatArray, int | None]:
     return values - values[known[0]] + DAY_S * (days - days[known[0]]), None
 
 
-def two_columns(names: Sequence[str]) -> dict[int, tuple[int, float]]:
+@functools.lru_cache(maxsize=64)
+def two_columns(names: tuple[str, ...]) -> dict[int, tuple[int, float]]:
     """Clocks in two columns, such as ROS's ``stamp.secs`` and ``stamp.nsecs``: place of the whole
     seconds -> place and unit, s, of the fractions.
     """

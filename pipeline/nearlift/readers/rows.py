@@ -8,7 +8,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,16 +58,9 @@ WRITING_NS = 10_000_000_000
 Columns = dict[str, NDArray[Any]]
 #: One trial's values of those columns that its record gives, and its quality codes as `codes`.
 Row = Mapping[str, Any]
-
-
-def _columns(reduced: Reduced) -> Row:
-    # `dataclasses.asdict` copies each value, which takes ten times as long
-    return {name: getattr(reduced, name) for name in Reduced.__slots__}
-
-
 #: A trial without a record.
 MISSING: Row = {
-    **_columns(Reduced(codes=("MISSING",))),
+    **asdict(Reduced(codes=("MISSING",))),
     "samples": 0,
     "source_sha256": "",
     "source": "",
@@ -197,7 +190,7 @@ def _answer(task: Task, record: Record, sha256: str) -> RecordAnswer:
     return RecordAnswer(
         record=record.trial,
         rows=tuple(
-            {**_columns(one), "samples": n, **of_the_file}
+            {name: getattr(one, name) for name in Reduced.__slots__} | {"samples": n, **of_the_file}
             for one, n in zip(reduced, samples, strict=True)
         ),
         pieces=tuple(

@@ -258,12 +258,11 @@ def parse(
         lines_of_text = sum(map(bool, map(bytes.strip, body.split(b"\n"))))
         if quotes % 2 or table.num_rows != lines_of_text:
             return by_line(rows, layout, numbers, texts)
-    return [_without_infinity(floats(table[f"c{i}"].combine_chunks())) for i in numbers], words
-
-
-def _without_infinity(values: FloatArray) -> FloatArray:
-    finite = np.isfinite(values)
-    return values if finite.all() else np.where(finite, values, np.nan)
+    arrays = [floats(table[f"c{i}"].combine_chunks()) for i in numbers]
+    return [
+        values if (finite := np.isfinite(values)).all() else np.where(finite, values, np.nan)
+        for values in arrays
+    ], words
 
 
 def floats(column: Any) -> FloatArray:
