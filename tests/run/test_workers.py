@@ -24,6 +24,7 @@ from nearlift.run.workers import (
     LARGE,
     Processes,
     SerialExecutor,
+    for_compiled_code,
     open_executor,
     ordered,
     shared,
@@ -65,6 +66,17 @@ def test_a_fault_here_is_raised_where_its_result_is_due():
         assert [next(results), next(results)] == [1, 2]
         with pytest.raises(ValueError, match="invalid literal"):
             next(results)
+
+
+def test_compiled_code_runs_in_threads_of_this_process():
+    with open_executor("processes:1") as pool, for_compiled_code(pool) as threads:
+        both = threading.Barrier(2, timeout=60)
+        assert (
+            sorted(threads.map(lambda _: (both.wait(), os.getpid())[1], range(2)))
+            == [os.getpid()] * 2
+        )
+    with open_executor("serial") as pool, for_compiled_code(pool) as same:
+        assert same is pool
 
 
 @pytest.mark.parametrize(

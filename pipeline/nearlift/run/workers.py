@@ -120,6 +120,18 @@ def open_executor(text: str, size: int = 0) -> Iterator[futures.Executor]:
     raise UsageError("--executor", f"{text!r} {what}", remedy)
 
 
+@contextlib.contextmanager
+def for_compiled_code(executor: futures.Executor) -> Iterator[futures.Executor]:
+    """The executor, or as many threads where it has processes: compiled code leaves the interpreter
+    free, and would be loaded by each process.
+    """
+    if not isinstance(executor, Processes):
+        yield executor
+        return
+    with futures.ThreadPoolExecutor(executor.workers + 1) as pool:
+        yield pool
+
+
 def ordered(
     executor: futures.Executor,
     task: Callable[[Task], Result],

@@ -18,6 +18,7 @@ from nearlift.flight.vehicle import Craft
 from nearlift.randomness import generator
 from nearlift.results.fit import FitResults
 from nearlift.run.engine import Job, Say, subprogress
+from nearlift.run.workers import for_compiled_code
 from nearlift.stages.diagnose import quoted_lifts
 from nearlift.stages.fit import FIT
 
@@ -35,9 +36,10 @@ def simulated_flights(job: Job) -> tuple[SafetyResult, Rows, Rows, tuple[str, ..
     for boundary in _flown(job):
         job.campaign.contact_m(boundary)
     key = int(generator(job.seed, "simulate").integers(2**63))
-    job = replace(job, say=_counting(job, chosen))
-    published, rates, samples = _presets(job, chosen, key)
-    fitted, fitted_rates = _fitted(job, chosen, key)
+    with for_compiled_code(job.executor) as executor:
+        job = replace(job, say=_counting(job, chosen), executor=executor)
+        published, rates, samples = _presets(job, chosen, key)
+        fitted, fitted_rates = _fitted(job, chosen, key)
     result = SafetyResult(presets=published, fitted=fitted, roll=_roll(job, chosen))
     tests = {
         f"{name} {boundary}": flown.convergence
