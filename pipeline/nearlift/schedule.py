@@ -313,7 +313,7 @@ def _rows_of(path: Path, text: str) -> tuple[list[str], list[int], list[list[str
         wrong, what, remedy = 0, f"the column {twice[0]!r} is there twice", "rename or drop one"
     elif uneven:
         what = f"has {len(rows[wrong])} cells under {len(header)} column names"
-        remedy = "correct that line (a decimal comma makes two cells of one)"
+        remedy = "correct that line (a decimal comma splits a cell)"
     if what:
         raise InputRefused(f"{path}, line {lines[wrong]}", what, remedy)
     return header, lines[1:], rows[1:]

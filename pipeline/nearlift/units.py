@@ -184,9 +184,7 @@ def quantity(text: object, dimension: str, where: str) -> float:
     factor, offset = to_si(unit or "fraction", dimension, where)
     result = factor * value + offset
     if not math.isfinite(result):
-        raise ManifestError(
-            where, f"{brief(repr(text))} is not finite", "write a number that can be meant"
-        )
+        raise ManifestError(where, f"{brief(repr(text))} is not finite", "write a finite number")
     return result
 
 

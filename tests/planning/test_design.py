@@ -174,8 +174,8 @@ def test_explain_says_what_why_and_how_large(explained):
         "Mechanism: the traverse's zero is not the rotor plane",
         "Source: ",
         "In small, ground",
-        "Confused with",
-        "Unnoticed at that size",
+        "Confounded with",
+        "Undetected at that size",
     ):
         assert part in words
     # no stage is stale by it
@@ -189,7 +189,7 @@ def test_explain_names_what_to_log_and_what_does_not_exist(explained):
     assert "Untestable: supply_V, supply_ref_V are unknown" in words
     assert "Log next time: supply" in words
     heating_words = nearlift("diagnose", raw, "--out", out, "--explain", "motor_heating").stdout
-    assert "would be seen with 80 % chance" in heating_words
+    assert "would be detected with 80 % chance" in heating_words
     refused = nearlift("diagnose", raw, "--out", out, "--explain", "suply_sag")
     assert refused.exit_code == 2
     assert "did you mean supply_sag" in refused.stderr

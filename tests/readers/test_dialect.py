@@ -58,7 +58,7 @@ def test_one_dialect_fits(
     [
         ("1,5\n2,5\n", "line 1: has no columns' names above .*\n  name them: dialect = { columns"),
         ("966\n965\n", 'its rows of 1 cell\n  name them: dialect = { columns = \\["force"\\] }'),
-        ("t,F\n0,5,1,5\n", "line 2: has 4 cells under 2 column names\n  a decimal comma makes two"),
+        ("t,F\n0,5,1,5\n", "line 2: has 4 cells under 2 column names\n  a decimal comma splits a"),
         ("t;F\n1,234;5,678\n", "line 2: '1,234' may be 1.234 or 1234\n  say which: .*thousands"),
         ("a;b\n1;2\n3;x\n", "line 3: 'x' in column 'b' is not a number"),
         ("a,a\n1,2\n", "line 1: has more than one column 'a'"),

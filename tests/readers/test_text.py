@@ -176,7 +176,7 @@ def test_signs_of_typesetters(tmp_path: Path, content: str, said: dict[str, str]
 def test_what_is_not_read_or_guessed_is_noted(tmp_path: Path) -> None:
     noted = read(tmp_path, "t,Kraft [N],state\n1,0x10,on\n2,0x11,on\n").notes
     assert noted == (
-        "column 'Kraft [N]' is not read: '0x10' is no time of day or number that is known",
+        "column 'Kraft [N]' is not read: '0x10' is neither a number nor a time of day",
     )
     (noted,) = read(tmp_path, "时间,推力\n1,2\n".encode("gbk")).notes
     assert "text read as latin-1: if letters are wrong, state `encoding`" in noted

@@ -131,9 +131,9 @@ class Campaign(Section):
     def distance_reference(self, boundary: Boundary) -> DistanceReference:
         """Datum and offset of the distances to a boundary.
 
-        `ManifestError` if a table has no entry for the boundary. `ManifestError` also if the rotor
-        axis is the datum of a ground or ceiling, or if the sidewall's offset from it is not minus
-        one radius.
+        `ManifestError` if a table has no entry for the boundary, or if the rotor axis is the datum
+        of a ground or ceiling. Also if the sidewall's offset from that axis is not minus one
+        radius.
         """
         given: list[Any] = []
         for key in ("distance_datum", "distance_offset"):
@@ -200,7 +200,7 @@ def loads(content: bytes, where: str) -> dict[str, Any]:
     """
     if len(content) > MOST_BYTES:
         what = f"has more than {MOST_BYTES} bytes"
-        raise ManifestError(where, what, "trials belong into the schedule")
+        raise ManifestError(where, what, "list trials in the schedule, not here")
     try:
         text = content.decode("utf-8-sig")
         if deep := _DEEP.search(text):
@@ -222,7 +222,7 @@ def parse(raw: dict[str, object], where: str = "campaign.toml") -> Campaign:
     for key, value in _leaves(raw):
         if isinstance(value, int) and abs(value) >= 1 << 63:
             what = f"{brief(key)}: a whole number of TOML has at most 64 bits"
-            raise ManifestError(where, what, "write a number that can be meant")
+            raise ManifestError(where, what, "write a smaller number")
         if isinstance(value, str) and BLANK in value:
             blank.append(f"{key}: {value!r} is still to be filled in")
     if blank:

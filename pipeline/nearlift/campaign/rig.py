@@ -359,7 +359,7 @@ def check_records(records: Records, cell: LoadCell, cut: Segments | None) -> Non
         )
     if cell.settle or cell.record is not None:
         raise ValueError(
-            "[load_cell] settle and record are of records that are one trial each; [segments] has"
+            "[load_cell] settle and record apply to records of one trial each; [segments] has"
             " settle and shortest for its pieces"
         )
     if level_0 and cut.column is None:

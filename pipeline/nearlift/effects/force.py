@@ -177,7 +177,7 @@ CELL_NONLINEARITY = Effect(
     ),
     source=Source("Data sheets of strain-gauge cells",
         doubts=(
-            ("A sound cell of 1 kgf has 1e-4 per N, which is below the detection limit; the prior"
+            ("A sound cell of 1 kgf has 1e-4 per N, which is below the detection limit. The prior"
              " is that of a small cell badly mounted."),
         ),
     ),

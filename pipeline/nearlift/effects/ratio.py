@@ -46,8 +46,8 @@ def viscous_layer(ratio: Any, /, *, z_hat: Any, viscous_share: Any, layer_hat: A
 
     Convention: viscous_share >= 0 is the share of the gain that is lost at contact.
 
-    Size on a Crazyflie: a layer of 0.2 radii takes up to 60 % of the viscous share at z_hat = 0.1,
-    and less than 1 % of it at 1.
+    Size on a Crazyflie: a layer of 0.2 radii takes up to 60 % of the viscous share at z_hat = 0.1.
+    At 1 it takes less than 1 % of it.
 
     Confounded with height_offset, held_quantity, image_strength.
     """
@@ -456,8 +456,8 @@ def plate_edge(ratio: Any, /, *, z_hat: Any, edge_share: Any, edge_width_hat: An
     is 0 for a plane without end. The range goes beyond 1 because the form is approximate. A plate
     narrower than the vehicle is no ground: edge_width_hat is at least 2.
 
-    Size on a Crazyflie: a plate beyond four diagonals (W = 8 r, c = 2) loses 0.4 % of the gain at
-    z_hat = 1.7, and 17 % at 3. The gain at 3 is 6 % of lift.
+    Size on a Crazyflie, for a plate beyond four diagonals (W = 8 r, c = 2): 0.4 % of the gain is
+    lost at z_hat = 1.7, and 17 % at 3. The gain at 3 is 6 % of lift.
 
     Confounded with K_b, height_offset, image_strength above ground; with fountain_shape where
     stations begin at z_hat = 2.

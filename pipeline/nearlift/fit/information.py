@@ -2,8 +2,8 @@
 
 Stated errors, log L_inf and coefficients are estimated together. Stated errors are unknowns of unit
 variance, which adds 1 to their diagonal elements; the trials' own errors are the weights. The
-inverse is the joint covariance, and its rows for log L_inf and coefficients times the weighted
-design are the linear estimator ``theta = G y`` of the trials' log lift y.
+inverse is the joint covariance. Its rows for log L_inf and coefficients, times the weighted design,
+are the estimator ``theta = G y`` of the trials' log lift y.
 
 The covariance of the trials is a sum of sources, ``C = sum C_i``, so a variance is the sum of ``G
 C_i G'``. No source is left out or counted twice. An independent measurement adds to a diagonal
@@ -94,8 +94,10 @@ def parameter_covariance(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointInformation:
-    """Inverse of the information on q unknowns: m shared errors of unit variance, k coefficients of
-    the trials' `level_design`, and p parameters, at the slices of their names.
+    """Inverse of the information on q unknowns, at the slices of their names.
+
+    They are m shared errors of unit variance, k coefficients of the trials' `level_design`, and p
+    parameters.
 
     Attributes
     ----------
@@ -104,9 +106,10 @@ class JointInformation:
     covariance : (q, q)
         With undetermined parameters as if known.
     determined : (p,) bool
-    gain, level_gain : (p, n), (k, n)
-        Change of each parameter, and of each coefficient of the levels, per unit change of each
-        trial's log lift.
+    gain : (p, n)
+        Change of each parameter per unit change of each trial's log lift.
+    level_gain : (k, n)
+        The same of the coefficients of the levels.
     """
 
     design: FloatArray

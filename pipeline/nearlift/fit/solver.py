@@ -230,8 +230,7 @@ def minimise(
     start : (m, p)
     bounds : pair of (p,)
     scale : (p,), optional
-        Typical size of each parameter's change, such as its standard uncertainty. If not given, it
-        is the change that moves chi2 by 1 at the first start.
+        Typical change of each parameter. If not given, it moves chi2 by 1 at the first start.
     free : (p,) bool, optional
         Parameters that are optimised (all if not given); the others are held at their start.
     damping : float

@@ -84,7 +84,7 @@ AS_PRINTED = FlightPreset(
     steps_per_hold=1,
 )
 CONVERGED = FlightPreset(
-    meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s; a point"
+    meaning="the same gusts, each held 0.1 s. Runge-Kutta of order 4, a step of 0.05 s; a point"
     " without feet that crashes at z_hat = 0",
     runge_kutta=True,
     steps_per_hold=2,

@@ -236,8 +236,9 @@ def _noise(series: FloatArray, profile: FloatArray, weights: FloatArray) -> tupl
 
 
 def reduction(case: CutDownwash, control: CutDownwash) -> Estimate:
-    """How much less downwash a case has than its control; intervals with the effective degrees of
-    freedom of Welch and Satterthwaite.
+    """Relative loss of downwash of a case against its control.
+
+    Intervals have the effective degrees of freedom of Welch and Satterthwaite.
     """
     from scipy.stats import t
 

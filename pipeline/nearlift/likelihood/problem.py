@@ -92,9 +92,7 @@ class Likelihood:
 
     @property
     def levels_log_det(self) -> tuple[int, float]:
-        """How many levels there are, and the log determinant of their information: what integrating
-        them out leaves behind.
-        """
+        """Number of levels, and log determinant of their information, left by integration."""
         _, r = self._levels
         return len(r), 2 * float(np.log(np.abs(np.diag(r))).sum())
 

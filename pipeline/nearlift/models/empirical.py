@@ -262,8 +262,8 @@ CEILING_EMPIRICAL = LiftModel(
         doi="10.1109/LRA.2019.2928206", bibtex=("jimenezcano2019",),
         doubts=(
             "The form is from memory and was not verified against the original.",
-            ("K_1 and K_2 are unknown. The values here are no published numbers: they are a start"
-             " for a fit, in the middle of the range predicted by the theory of gamma."),
+            ("K_1 and K_2 are unknown. The values here are not published. They start a fit in the"
+             " middle of the range predicted by the theory of gamma."),
         ),
     ),
     checks=(

@@ -586,9 +586,9 @@ IMAGES_EDGE = of_images(
         doubts=(
             ("The sources on the boundary are those of a boundary without end. The edge's own"
              " part (diffraction, a jet that separates there) is left out."),
-            ("Between two rotors the share is that about their midpoint. Compared with the sum"
-             " over the boundary, a Crazyflie's lift is off by at most 0.35 % at z_hat 0.5, 0.18"
-             " % at 1 and 0.05 % at 2."),
+            ("Between two rotors the share is that about their midpoint. The lift of a"
+             " Crazyflie differs from the sum over the boundary by at most 0.35 % at z_hat = 0.5."
+             " The limit is 0.18 % at 1 and 0.05 % at 2."),
             ("No published form says what the fountain does when part of the vehicle has no"
              " ground beneath it; there is none here."),
         ),
@@ -632,9 +632,9 @@ def corridor_cancelled(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: A
         L / L_inf = mean over i of 1 / (1 - s_i),   I(H, h) = (H / 4) / (h^2 + H^2)^(3/2)
 
     with z = z_hat from the ground, g = `[rig] gap` over r from ground to ceiling, h_ij the distance
-    of rotors i and j. n = 1 has the ceiling's own image (2 g - 2 z), and the image in both planes
-    with the ground last (2 g + 2 z). It also has the two that are mirrored twice (2 g). They blow
-    as the rotor does and draw more air through it, whereas a single mirror turns the rotor round.
+    of rotors i and j. n = 1 has four images: the ceiling's own (2 g - 2 z), one in both planes with
+    the ground last (2 g + 2 z), and two that are mirrored twice (2 g). The two blow as the rotor
+    does and draw more air through it; a single mirror turns the rotor round.
 
     What is mirrored: the rotor, not Cheeseman and Bennett's source. The image of a source at a
     ceiling would add downwash and lose lift. The mirrored rotor draws air from the ceiling's

@@ -186,8 +186,10 @@ def inspect(
 
 
 def _without_codes(force: FloatArray) -> FloatArray:
-    """The force (n,) with a straight line in place of extremes that are farther from all other
-    readings than these from each other, but for those of its ends: codes of a converter.
+    """The force (n,) with a straight line in place of a converter's error codes.
+
+    A code is an extreme farther from all other readings than these are from each other. Extremes
+    at either end of the record stay.
     """
     at, kept, ends = np.arange(len(force)), np.isfinite(force), {*force[:5], *force[-5:]}
     for _ in range(MOST_CODES):
@@ -257,7 +259,7 @@ def _bracketed(path: Path) -> InputRefused | None:
     if head_of(path, 1) not in (b"{", b"[", b"<"):
         return None
     remedy = "write its numbers as CSV, for example by pandas: read_json(FILE).to_csv(NEW)"
-    return InputRefused(str(path), "is JSON, XML or lists in brackets, and no table", remedy)
+    return InputRefused(str(path), "is JSON, XML or bracketed lists, not a table", remedy)
 
 
 def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:

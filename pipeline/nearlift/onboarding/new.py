@@ -286,7 +286,7 @@ def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> lis
     if wrapped := [f.path.name for f in inspected if f.wraps]:
         notes.append(
             f"{', '.join(wrapped[:5])}{' ...' * (len(wrapped) > 5)}: the force jumps from one"
-            " sample to the next and stays there, as a converter's counter does that wraps; correct"
+            " sample to the next and stays there. A converter's counter may have wrapped: correct"
             " the counts, or leave the trial out"
         )
     return notes

@@ -158,8 +158,10 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
 
 
 def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.DataFrame]:
-    """The table with one lift a row, if lifts at several throttles are side by side in columns such
-    as ``50 % (gf)`` or ``1500 us (N)``. Any other table is returned as it is.
+    """The table with one lift a row.
+
+    Lifts at several throttles may be side by side, in columns such as ``50 % (gf)`` or
+    ``1500 us (N)``. Any other table is returned as it is.
     """
     lifts = {}
     for place, name in enumerate(names):

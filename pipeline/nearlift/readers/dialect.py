@@ -273,7 +273,7 @@ def _fitted(
         what = f"has {len(row) - trailing} cells under {len(names)} column names"
         remedy = f"name all: dialect = {{ skip = {start}, columns = [...] }} under [records]"
         if "," in lines[start]:
-            remedy = "a decimal comma makes two cells of one; save it with points, or semicolons"
+            remedy = "a decimal comma splits a cell: save with points, or semicolons between cells"
         raise _unfit(0, at, what, remedy)
     # a separator that cuts nothing, and one that is there and does not cut
     bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
@@ -314,8 +314,9 @@ def _fitted(
 
 
 def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, strict: bool) -> int:
-    """Index of the first line that holds a number, or of words for "no number" right above it;
-    `strict`: and no other words than units behind numbers.
+    """Index of the first line that holds a number, or of words for "no number" right above it.
+
+    If `strict`, the line holds no other words than units behind numbers.
     """
 
     def numbers(cells: Sequence[str], others: Sequence[str] = ()) -> list[float | None]:
@@ -380,11 +381,10 @@ def _header(
 
 
 def _merged(over: Sequence[str], below: Sequence[str], row: Sequence[str]) -> tuple[str, ...]:
-    """Names of columns of which cells `over` them are merged, as ``Force,,``, and parts `below` are
-    names, or numbers of columns; none where the two lines are no such names.
+    """Names of columns from two lines, or none if the lines are no such names.
 
-    Numbers are those of columns if they count from 1, or if those of the `row` after them have
-    decimals.
+    Cells of `over` are merged, as ``Force,,``. Cells of `below` are names or numbers of columns:
+    numbers that count from 1, or that are whole where the `row` after them has decimals.
     """
     whole = [next(filter(None, over[k::-1]), "") for k in range(len(over))]
     inside = [k for k, name in enumerate(whole) if name and "" in over[k : k + 2]]

@@ -233,7 +233,7 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     if names is None:
         chosen = {*layout.numeric} | spelled & {*layout.texts}
         notes += [
-            f"column {name!r} is not read: {row[i]!r} is no time of day or number that is known"
+            f"column {name!r} is not read: {row[i]!r} is neither a number nor a time of day"
             for i, name in enumerate(layout.names)
             if i in words - spelled and (layout.units[i] or re.search(r"\d\D\d", row[i]))
         ]

@@ -324,8 +324,8 @@ def campaign_notes(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> lis
     share = sum("unsettled" in text.split() for text in texts) / max(len(texts), 1)
     if share >= 0.5:
         notes.append(
-            f"{share:.0%} of the records begin with another force than they go on with: is `tare`"
-            " or `settle` too short (rotors still at rest), or is sample_rate wrong?"
+            f"{share:.0%} of the records begin with another force than they go on with."
+            " Is `tare` or `settle` too short (rotors still at rest), or is sample_rate wrong?"
         )
     least_m = campaign.vehicle.rotor_radius * float(good["z_hat"].min())
     most_N = float(good["lift_N"].max())

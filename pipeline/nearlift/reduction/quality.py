@@ -24,7 +24,7 @@ CODES = {
     "NO_DATA": "no sample is left once tare and settle are taken off",
     "TOO_SHORT": "fewer than five samples are left: an aborted run",
     "SHORT": (
-        "less than 95 % of the planned samples; without a planned length: cut off below 95 % of"
+        "less than 95 % of the planned samples. Without a planned length: cut off below 95 % of"
         " the campaign's usual length, or below half of it"
     ),
     "OUT_OF_RANGE": "too many samples hold no number (NaN, OVER, #NV)",
@@ -33,8 +33,8 @@ CODES = {
     "GAPS": "the clock column shows that too many samples are missing",
     "DRIFT": "the force drifts within the record by more than the limit",
     "MIXED": (
-        "the force steps from one level to another in the middle of the record: two throttles"
-        " in one trial, rotors that stop before its end, or damaged samples"
+        "the force steps to another level within the record: two throttles in one trial,"
+        " rotors that stop before its end, or damaged samples"
     ),
     "HEIGHT": "the traverse did not reach the distance of the schedule",
     "TARE": (

@@ -68,7 +68,7 @@ def suspected(means: FloatArray) -> bool:
 
 
 def slow_noise(means: FloatArray) -> SlowNoise | None:
-    """How far the mean is off for slow noise; None where white noise accounts for what is seen.
+    """Error of the mean by slow noise; None where white noise suffices.
 
     `means` (m,) are of successive batches with a Hann window that overlap by half and cover the
     record.

@@ -454,7 +454,7 @@ class Brief:
 
     @property
     def _to_detect(self) -> tuple[list[str], list[str]]:
-        """How to detect the effect that hides best, and the columns that this asks for."""
+        """Advice on detecting the least visible effect, and the columns that it needs."""
         hidden = undetected(self.evidence, self.boundary)
         if hidden is None:
             return [], []

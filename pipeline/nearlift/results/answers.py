@@ -210,7 +210,7 @@ class EffectSize:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoCandidate:
-    """An effect that this boundary's trials say nothing of: what it needs, or a `reason`."""
+    """An effect that this boundary's trials cannot show: what it needs, or a `reason`."""
 
     testable: Literal[False] = False
     needs: tuple[str, ...]
@@ -310,8 +310,9 @@ class ComparedCampaign:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparedCoefficient:
-    """A coefficient over the campaigns that have it, with what is to be held against them; without
-    a population where they are too few.
+    """A coefficient over the campaigns that have it, with their caveats.
+
+    Too few campaigns have no population.
     """
 
     boundary: Boundary

@@ -50,7 +50,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """How trials scatter about any smooth curve, as standard deviations.
+    """Scatter of trials about any smooth curve, as standard deviations.
 
     `relative` is in proportion to lift, beyond what the records themselves show, and `force_N` an
     additive force. `height_m` is that of one visit's height, shared by its trials. In proportion to

@@ -25,7 +25,7 @@ LEVEL = "L_inf_N"
 
 
 def level_name(throttle: float) -> str:
-    """How L_inf at a throttle (a fraction) is called in posterior.parquet."""
+    """Name of L_inf at a throttle (a fraction) in posterior.parquet."""
     return f"{LEVEL}[{throttle:g}]"
 
 
@@ -46,7 +46,7 @@ class ParameterCovariance:
 
     @classmethod
     def named(cls, names: Iterable[str], values: FloatArray) -> ParameterCovariance:
-        """From an array."""
+        """The matrix of an array."""
         return cls(names=tuple(names), values=tuple(tuple(row) for row in values.tolist()))
 
     def among(self, names: Iterable[str]) -> ParameterCovariance:
@@ -153,7 +153,7 @@ class Remedy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repeats:
-    """How many times these trials would halve a coefficient's uncertainty (inf: no number)."""
+    """Number of repeats that would halve a coefficient's uncertainty (inf: no number would)."""
 
     times: Unbounded
     text: str
@@ -353,7 +353,7 @@ class ModelScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelComparison:
-    """How the models of one boundary compare, each with the `reference`, on `blocks` left out."""
+    """Comparison of each model of a boundary with the `reference`, on `blocks` left out."""
 
     blocks: str = "visits"
     reference: str
@@ -410,7 +410,7 @@ class ExponentFit(Estimate):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggedResponse:
-    """How a logged quantity answers to the boundary, and the exponents that theory then allows."""
+    """Response of a logged quantity to the boundary, and the exponents that it supports."""
 
     quantity: str
     response: Estimate

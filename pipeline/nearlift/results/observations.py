@@ -120,7 +120,7 @@ class Observations:
 
     @property
     def unknown_levels(self) -> int:
-        """How many numbers log L_inf has, K."""
+        """Number of parameters of log L_inf, K."""
         return len(self.levels) if self.curve is None else len(self.curve.terms)
 
     @property

@@ -42,7 +42,7 @@ def answers(job: Job) -> dict[str, str]:
 
 
 def line(job: Job) -> str:
-    """These answers in one line."""
+    """One line with these answers."""
     return "; ".join(f"{name} {answer}" for name, answer in answers(job).items())
 
 

@@ -173,7 +173,7 @@ def levels(evidence: Evidence) -> Markup:
 
 
 def noise(evidence: Evidence) -> Markup:
-    """How trials scatter, and what the manifest states that repeats cannot show."""
+    """Table of the scatter of trials, and the stated errors that repeats do not average down."""
     rows = []
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary).coefficients.values()

@@ -387,8 +387,9 @@ def _draw_residual(ax: Axes, rows: pd.DataFrame, labelled: bool) -> None:
 
 
 def _draw_candidates(ax: Axes, rows: pd.DataFrame) -> None:
-    """How far each trails the best, on an axis linear to ten and logarithmic beyond; on the right,
-    the outcome of each.
+    """Draw the deficit of each candidate from the best, with its outcome on the right.
+
+    The axis is linear to ten and logarithmic beyond.
     """
     place = np.arange(len(rows))[::-1]
     ax.set_xscale("symlog", linthresh=10.0, linscale=1.0)
