@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 from nearlift.run.engine import Job, Outcome, Stage
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+    import pandas as pd
+
     from nearlift.report.evidence import Evidence
     from nearlift.report.figures.spec import FigureSpec
 
@@ -18,14 +22,14 @@ def run(job: Job) -> Outcome:
     from nearlift.report.page.render import Picture, page
     from nearlift.report.registry import FIGURES
     from nearlift.report.tables import csv
-    from nearlift.run.workers import Processes, SerialExecutor
+    from nearlift.run.workers import Processes
     from nearlift.stages.gathering import gather
 
-    # matplotlib draws in one thread only
-    workers = job.executor
-    others = workers if isinstance(workers, Processes) and workers.ready else SerialExecutor()
     evidence = gather(job)
-    drawn, missing = [], []
+    # processes that have read draw every second figure: matplotlib needs one for itself
+    others = job.executor if isinstance(job.executor, Processes) and job.executor.ready else None
+    drawing: list[tuple[FigureSpec, pd.DataFrame, Future[dict[str, bytes]] | None]] = []
+    missing: list[str] = []
     for i, spec in enumerate(FIGURES):
         job.say(f"report {spec.name}", i / len(FIGURES))
         rows = spec.table(evidence)
@@ -35,14 +39,21 @@ def run(job: Job) -> Outcome:
                 job.put(f"reports/{spec.name}.{kind}", None)
             continue
         job.put(f"reports/{spec.name}.csv", csv(rows))
-        what = spec.draw, rows, job.campaign.simulated
-        drawn.append((spec, rows, what, others.submit(render, *what)))
+        future = None
+        if others and len(drawing) % 2 == 0:
+            future = others.submit(render, spec.draw, rows, job.campaign.simulated)
+        drawing.append((spec, rows, future))
     _documents(job, evidence)
-    chart = charts.fig2(evidence) if any(spec.name == "fig2" for spec, *_ in drawn) else None
+    chart = charts.fig2(evidence) if any(spec.name == "fig2" for spec, *_ in drawing) else None
+    drawn = {
+        spec.name: render(spec.draw, rows, job.campaign.simulated)
+        for spec, rows, future in drawing
+        if not future
+    }
+    drawn |= {spec.name: future.result() for spec, _, future in drawing if future}
     pictures: list[Picture] = []
-    # the last ones here, as long as no other process has begun them
-    for spec, rows, what, future in reversed(drawn):
-        files = render(*what) if future.cancel() else future.result()
+    for spec, rows, _ in drawing:
+        files = drawn[spec.name]
         for kind, content in files.items():
             job.put(f"reports/{spec.name}.{kind}", content)
         picture = Picture(
@@ -52,7 +63,7 @@ def run(job: Job) -> Outcome:
             alt=spec.alt(rows),
             png=files["png"],
         )
-        pictures.insert(0, picture)
+        pictures.append(picture)
     job.put("reports/index.html", page(evidence, pictures, chart=chart))
     return Outcome(
         notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in missing)
