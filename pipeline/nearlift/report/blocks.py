@@ -71,11 +71,14 @@ def table(
 ) -> Markup:
     """Table of rows of cells; empty without rows. In a short row the last cell extends over the
     columns that are missing. A `hidden` caption is for screen readers; `source` is the product of
-    all cells.
+    all cells. A last column without content is left out.
     """
-    lines = [_row(row, len(heads)) for row in rows]
-    if not lines:
+    cells = [[shown(cell) for cell in row] for row in rows]
+    if not cells:
         return Markup("")
+    if all(len(row) == len(heads) and not row[-1] for row in cells):
+        heads, cells = heads[:-1], [row[:-1] for row in cells]
+    lines = [_row(row, len(heads)) for row in cells]
     kind = Markup(' class="hidden"') if hidden else ""
     of = Markup(' data-source="{}"').format(source) if source else ""
     columns = Markup("").join(Markup('<th scope="col">{}</th>').format(shown(h)) for h in heads)
@@ -86,8 +89,8 @@ def table(
     ).format(wide, kind, shown(caption), columns, of, Markup("\n").join(lines))
 
 
-def _row(row: Sequence[object], n: int) -> Markup:
-    first, *cells = map(shown, row)
+def _row(row: Sequence[Markup], n: int) -> Markup:
+    first, *cells = row
     wide = Markup(' colspan="{}"').format(n - len(cells)) if cells and len(cells) < n - 1 else ""
     spans = ["" for _ in cells[:-1]] + [wide]
     text = Markup("").join(

@@ -49,7 +49,7 @@ class Number:
             return escape(self.text)
         how = Markup(' data-how="{}"').format(self.how) if self.how else ""
         return Markup('<data value="{}" data-source="{}"{}>{}</data>').format(
-            repr(self.value), self.source, how, self.text
+            repr(self.value), self.source, how, raised(self.text)
         )
 
 
@@ -205,7 +205,7 @@ class Place:
         p = self.number(*path, digits=2)
         if p.value < LEAST_P:
             return replace(p, text="< 10⁻¹²", how="a bound")
-        return replace(p, text=raised(p.text))
+        return p
 
     def degrees(self, *path: str | int) -> Number:
         """Degrees of freedom: one decimal below ten, where it matters; ∞ where they have no end."""

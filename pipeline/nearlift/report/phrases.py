@@ -18,6 +18,7 @@ from nearlift.rounding import like, plain, plus_minus
 #: P-values below this are printed as a bound.
 LEAST_P = 1e-12
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+EXPONENT = re.compile(r"(?<=\d)e([+-]\d{1,3})\b")
 #: Condition of every probability that is printed; the odds are those of `loop.weigh`.
 PRIOR_ODDS = (
     "Probabilities assume relative prior odds: 1 for all single effects together, 0.03 for"
@@ -110,9 +111,9 @@ def chance(p: float) -> str:
 
 
 def raised(text: str) -> str:
-    """``3 × 10⁻⁶`` for ``3e-06``."""
-    digits, _, exponent = text.partition("e")
-    return f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
+    """``−3 × 10⁻⁶ per mN`` for ``-3e-06 per mN``."""
+    powers = EXPONENT.sub(lambda e: f" × 10{str(int(e[1])).translate(RAISED)}", text)
+    return powers.replace("-", "−")
 
 
 def coverage(coefficient: str) -> str:

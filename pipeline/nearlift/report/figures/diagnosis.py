@@ -48,7 +48,7 @@ COLUMNS = (
     *("x", "value", "u", "lo90", "hi90", "n_trials"),
 )
 HEADLINES = {
-    "adequate": "nothing beyond the noise",
+    "adequate": "no residual structure detected",
     "unexplained": "structure that no candidate explains",
 }
 #: Before and after, in colour and in symbol.
