@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -179,6 +180,92 @@ def test_what_waits_for_a_dead_worker_holds_nobody_up(tmp_path):
     (tmp_path / "program.py").write_text(DYING)
     program = [sys.executable, tmp_path / "program.py"]
     assert subprocess.run(program, timeout=60, check=False, capture_output=True).returncode == 7
+
+
+def test_tasks_that_were_taken_back_do_not_hide_that_a_worker_died():
+    with open_executor("processes:1") as pool:
+        tasks = [pool.submit(die, 0), *[pool.submit(where, i) for i in range(20)]]
+        assert tasks[10].cancel()
+        with pytest.raises(concurrent.futures.BrokenExecutor):
+            tasks[20].result(timeout=60)
+        pool.load(["json"])
+        assert not pool.ready
+
+
+def test_a_worker_never_hears_an_interrupt():
+    """Ctrl-C reaches a whole group, and a process that only begins would print a traceback."""
+    with open_executor("processes:1") as pool:
+        task = pool.submit(where, 1)
+        for _ in range(20):
+            os.kill(next(iter(pool._processes)), signal.SIGINT)
+            time.sleep(0.02)
+        assert task.result(timeout=60)[0] == 1
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == set()
+
+
+UNGUARDED = """
+import os
+from nearlift.run import workers
+
+os.cpu_count = lambda: 2
+with workers.open_executor(workers.AUTO, workers.LARGE + 1) as pool:
+    print(type(pool).__name__, pool.submit(os.getpid).result() != os.getpid())
+"""
+#: No file can be opened when processes begin, or when the first of them does.
+LIMITED = """
+import os, resource
+from nearlift.run import workers
+
+def limit():
+    free = os.dup(2)
+    os.close(free)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
+
+import concurrent.futures.thread, multiprocessing.popen_spawn_posix, multiprocessing.queues
+early = {}
+early and limit()
+with workers.open_executor("processes:1") as pool:
+    early or limit()
+    print(type(pool).__name__, pool.submit(os.getpid).result() == os.getpid())
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "answer"),
+    [
+        (UNGUARDED, "Processes True"),
+        (LIMITED.format(True), "SerialExecutor True"),
+        (LIMITED.format(False), "Processes True"),
+    ],
+    ids=["program without a guard", "no semaphores", "no process"],
+)
+def test_where_processes_cannot_be_had_as_usual_tasks_still_run(tmp_path, program, answer):
+    (tmp_path / "program.py").write_text(program)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "program.py"],
+        timeout=60,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert (done.stdout.strip(), done.stderr) == (answer, "")
+
+
+def test_a_killed_program_leaves_nothing_and_says_nothing(tmp_path):
+    program = """
+import os, signal
+from nearlift.run.workers import open_executor
+if __name__ == "__main__":
+    with open_executor("processes:1") as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+    (tmp_path / "program.py").write_text(program)
+    # the pipes end when the last process that holds them does
+    done = subprocess.run(
+        [sys.executable, tmp_path / "program.py"], timeout=60, check=False, capture_output=True
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGKILL, b"")
 
 
 def test_trials_are_the_same_bytes_wherever_they_were_reduced(tmp_path):

@@ -9,10 +9,13 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
+from functools import partial
 from itertools import islice
+from types import ModuleType
 from typing import Any, TypeVar
 
 from nearlift import blas, isolation
@@ -21,6 +24,8 @@ from nearlift.errors import UsageError
 #: The executor by default; the size of raw files, bytes, from which on other processes are worth
 #: their start (0.4 s); and how many it starts at most.
 AUTO, LARGE, MOST = "auto", 32 << 20, 3
+#: The warning of the process that removes the semaphores of a killed one.
+TIDIED = "ignore::UserWarning:multiprocessing.resource_tracker"
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -39,34 +44,55 @@ class SerialExecutor(futures.Executor):
         return future
 
 
-class Processes(futures.ProcessPoolExecutor):
-    """Fresh processes that import nothing from the current folder and end with this one.
+class Withdrawable(futures.Future[Any]):
+    """A future that may be cancelled while its pool breaks."""
 
-    They are `ready` to draw once they load what that needs.
+    def set_exception(self, exception: BaseException | None) -> None:
+        """Set it, unless the future was cancelled."""
+        # before Python 3.12 the pool fails over a cancelled one: all others would wait without end
+        with contextlib.suppress(futures.InvalidStateError):
+            super().set_exception(exception)
+
+
+class Processes(futures.ProcessPoolExecutor):
+    """Fresh processes that import nothing from the current folder and end with this one. If none
+    can be started, tasks run in the calling thread.
+
+    They are `ready` to draw once they load what that needs. With `program` they import the running
+    program, as its own tasks need; without a guard (``__name__ == "__main__"``) this runs it again.
     """
 
-    ready = False
+    ready = cannot_start = False
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, program: bool = True) -> None:
         import multiprocessing
 
-        self.workers = workers
+        self.workers, self.program = workers, program
         spawn = multiprocessing.get_context("spawn")
         # its queues start a resource tracker, which is an interpreter too
-        with isolation.safe_path():
+        with _beginning(program):
             super().__init__(workers, mp_context=spawn, initializer=_begin)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
         """Run the task in a process, which may be started now and inherits the environment."""
-        with isolation.safe_path():
-            return super().submit(fn, *args, **kwargs)
+        if not self.cannot_start:
+            try:
+                with _beginning(self.program):
+                    future = super().submit(fn, *args, **kwargs)
+                future.__class__ = Withdrawable
+                return future
+            except OSError:
+                self.cannot_start = True
+        return SerialExecutor().submit(fn, *args, **kwargs)
 
     def load(self, names: Iterable[str]) -> None:
         """Let each process import these modules, while this one goes on."""
-        if names := tuple(names):
-            self.ready = True
-            for _ in range(self.workers):
+        names = tuple(names)
+        # where they have died, figures are drawn here
+        with contextlib.suppress(futures.BrokenExecutor):
+            for _ in range(self.workers if names else 0):
                 self.submit(isolation.load, names)
+                self.ready = True
 
     def end(self) -> None:
         """End the processes at once, whatever they do."""
@@ -78,9 +104,25 @@ class Processes(futures.ProcessPoolExecutor):
             process.terminate()
 
 
+@contextlib.contextmanager
+def _beginning(program: bool) -> Iterator[None]:
+    """Processes begun meanwhile are isolated, and never hear Ctrl-C, which their parent does."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    main = sys.modules["__main__"]
+    sys.warnoptions.append(TIDIED)
+    if not program:
+        sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        with isolation.safe_path():
+            yield
+    finally:
+        sys.modules["__main__"] = main
+        sys.warnoptions.remove(TIDIED)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin() -> None:
-    """Prepare a worker: it ends with its parent, who hears interrupts, and has one BLAS thread."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Prepare a worker: it ends with its parent and has one BLAS thread."""
     isolation.end_with_parent()
     blas.default_to_one_thread()
 
@@ -91,14 +133,16 @@ def open_executor(text: str, size: int = 0) -> Iterator[futures.Executor]:
     ``processes:N``, or ``auto``, which suits raw files of so many bytes. A cluster takes whole
     campaigns (`campaigns.run_campaigns`).
     """
-    if text == AUTO:
+    automatic = text == AUTO
+    if automatic:
         others = min((os.cpu_count() or 1) - 1, MOST)
         text = f"processes:{others}" if others and size > LARGE else "threads:2"
     kind, _, count = text.partition(":")
     kinds: dict[str, Callable[[int], futures.Executor]] = {
         "serial": lambda _: SerialExecutor(),
         "threads": futures.ThreadPoolExecutor,
-        "processes": Processes,
+        # a program that only calls the command line need not be guarded
+        "processes": partial(Processes, program=not automatic),
     }
     if kind == "dask" and count:
         what, remedy = "takes whole campaigns", "use serial, threads:N or processes:N"
@@ -107,7 +151,10 @@ def open_executor(text: str, size: int = 0) -> Iterator[futures.Executor]:
     elif count and not (count.isdigit() and int(count)):
         what, remedy = "names no number of workers", "write threads:2"
     else:
-        pool = kinds[kind](int(count or os.cpu_count() or 1))
+        pool: futures.Executor = SerialExecutor()
+        # without semaphores, as where there is no /dev/shm, there are no processes
+        with contextlib.suppress(OSError, ImportError, NotImplementedError):
+            pool = kinds[kind](int(count or os.cpu_count() or 1))
         try:
             yield pool
         finally:
