@@ -79,7 +79,7 @@ def finished(out: Path, names: Sequence[str]) -> list[Path]:
     missing = [name for name in names if not (home / name / Results.file).is_file()]
     if missing:
         what = f"is not fitted ({len(missing)} of {len(names)} campaigns)"
-        remedy = "`nearlift run CAMPAIGN` first, for each of them"
+        remedy = "give names as in the manifests, not folders; `nearlift run CAMPAIGN` fits them"
         raise UsageError(str(home / missing[0]), what, remedy)
     return [home / name for name in names]
 
