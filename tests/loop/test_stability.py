@@ -241,9 +241,8 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
             slope=np.zeros(1),
             data=SimpleNamespace(visit=np.zeros(1)),
             base=GROUND,
-            space=SimpleNamespace(project=np.asarray),
         ),
-        best=SimpleNamespace(covariance=np.eye(1), jacobian=np.ones((1, 1))),
+        best=SimpleNamespace(information=lambda: SimpleNamespace(gain=np.ones((1, 1)))),
     )
     tried = without_visits(answer, quoted, without, visits)
     assert [v.id for v, _ in tried] == ["0", "1", "2"]

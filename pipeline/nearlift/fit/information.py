@@ -132,15 +132,20 @@ class JointInformation:
         return np.where(self.determined, np.sqrt(np.diag(self.parameter_covariance)), np.inf)
 
 
-def joint_information(problem: Likelihood, jacobian: FloatArray) -> JointInformation:
+def joint_information(
+    problem: Likelihood, jacobian: FloatArray, prior_sd: FloatArray | None = None
+) -> JointInformation:
     """Joint information of trials and statements, for parameters with the `jacobian` (n, p) of log
-    lift.
+    lift, and independent normal priors of standard deviation `prior_sd` (p,) if given.
     """
     weights, (n, p), m = problem.covariance, jacobian.shape, problem.covariance.shared.shape[1]
     design = np.hstack([weights.shared, problem.data.level_design, jacobian])
     first, q = design.shape[1] - p, design.shape[1]
+    stated = np.eye(m, q)
+    if prior_sd is not None:
+        stated = np.vstack([stated, np.eye(p, q, first) / prior_sd[:, None]])
     # the triangle's square is the information; its last block's, that of the parameters alone
-    rotation, triangle = np.linalg.qr(np.vstack([weights.whiten_own(design.T).T, np.eye(m, q)]))
+    rotation, triangle = np.linalg.qr(np.vstack([weights.whiten_own(design.T).T, stated]))
     (inner, toll), outer = np.hsplit(triangle[:first], [first]), triangle[first:, first:]
     whole = np.linalg.norm(triangle[m:, first:], axis=0)
     covariance, determined = parameter_covariance(outer.T, whole)

@@ -10,6 +10,7 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import solver
+from nearlift.fit.information import JointInformation, joint_information
 from nearlift.likelihood.problem import Likelihood
 from nearlift.loop.candidate import Candidate
 from nearlift.results import IntArray
@@ -24,6 +25,9 @@ HALVINGS = 8
 SUFFICIENT_GAIN = 1e-3
 #: Added to the diagonal of a normal matrix of unit diagonal, so that it has an inverse.
 RIDGE = 1e-12
+#: Variance of an undetermined parameter: beyond all bounds, and finite, as differences of variances
+#: are taken.
+UNDETERMINED = 1e30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,11 +47,22 @@ class Fitted:
         """Minus d residual / d vector, (n, P); not stored, since a search keeps every candidate."""
         return self.space.project(self.candidate.jacobian(self.vector).T).T
 
+    def information(self, nuisance: FloatArray | None = None) -> JointInformation:
+        """Joint information on the vector, with priors; `nuisance` (n, t) are columns of further
+        unknowns of unit variance.
+        """
+        space = self.space
+        if nuisance is not None:
+            shared = np.hstack([space.covariance.shared, nuisance])
+            space = replace(space, covariance=replace(space.covariance, shared=shared))
+        return joint_information(
+            space, self.candidate.jacobian(self.vector), self.candidate.prior[1]
+        )
+
     @property
     def covariance(self) -> FloatArray:
         """Covariance of the vector, (P, P), the effects' forms exact."""
-        j, (_, sd) = self.jacobian, self.candidate.prior
-        return inverse(j.T @ j + np.diag(1 / sd**2))
+        return covariance_of(self.information())
 
     @property
     def at_bound(self) -> bool:
@@ -79,11 +94,10 @@ class Fitted:
         return float(np.sum(self.residual**2)) + self.penalty
 
 
-def inverse(information: FloatArray) -> FloatArray:
-    """Covariance of parameters from their information; 0 along undetermined directions."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    unit = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
+def covariance_of(known: JointInformation) -> FloatArray:
+    """Covariance of the parameters, (P, P); an undetermined one has variance `UNDETERMINED`."""
+    unknown: FloatArray = np.where(known.determined, 0.0, UNDETERMINED)
+    return known.parameter_covariance + np.diag(unknown)
 
 
 def minima(

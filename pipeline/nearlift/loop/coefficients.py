@@ -11,10 +11,10 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import information
 from nearlift.likelihood import student
-from nearlift.likelihood.subspace import left_singular
+from nearlift.likelihood.covariance import group_sums
 from nearlift.loop import confirmation, discrepancy, few_visits, weigh
 from nearlift.loop.candidate import WIDE
-from nearlift.loop.candidate_fit import Fitted, inverse
+from nearlift.loop.candidate_fit import Fitted, covariance_of
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
@@ -37,14 +37,11 @@ def joint(
     """
     if nuisance is None or not nuisance.shape[1]:
         return fitted.vector, fitted.covariance
-    mean, sd = fitted.candidate.prior
-    weight2 = 1 / sd**2
-    j, r = fitted.jacobian, fitted.residual
-    u, s = left_singular(problem.space.project(nuisance.T).T)
-    j_solved = j - u @ ((s**2 / (1 + s**2))[:, None] * (u.T @ j))
-    covariance = inverse(j.T @ j_solved + np.diag(weight2))
-    step = covariance @ (j_solved.T @ r - weight2 * (fitted.vector - mean))
-    return np.clip(fitted.vector + step, *fitted.candidate.bounds), covariance
+    candidate, vector, known = fitted.candidate, fitted.vector, fitted.information(nuisance)
+    mean, sd = candidate.prior
+    residual = problem.log_lift - candidate.log_ratio(vector)
+    step = known.gain @ residual - known.parameter_covariance @ ((vector - mean) / sd**2)
+    return np.clip(vector + step, *candidate.bounds), covariance_of(known)
 
 
 def spread(problem: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None) -> Pair:
@@ -240,23 +237,20 @@ def far_lift(problem: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> di
     """
     data, candidate, vector = problem.data, fitted.candidate, fitted.vector
     far = replace(candidate, data=replace(data, z_hat=np.full(data.n, np.inf)))
-    design = np.hstack([data.level_design, candidate.jacobian(vector), nuisance])
-    free, none = data.unknown_levels, np.zeros(nuisance.shape[1])
-    sd = np.concatenate([np.full(free, np.inf), candidate.prior[1], none + 1])
-    white = problem.space.covariance.whiten(design.T).T
-    covariance = inverse(white.T @ white + np.diag(1 / sd**2))
+    known, log_l_inf = fitted.information(nuisance), problem.log_lift - candidate.log_ratio(vector)
+    fitted_part = slice(known.levels.start, known.parameters.stop)
+    covariance = known.covariance[fitted_part, fitted_part]
+    levels = problem.space.best_levels(log_l_inf)
     if problem.independent:
         visits, visit = np.unique(data.visit, return_inverse=True)
-        scores = np.zeros((len(visits), len(covariance)))
-        np.add.at(scores, visit, white * fitted.residual[:, None])
-        scores *= np.sqrt(len(visits) / max(len(visits) - 1, 1))
-        covariance = covariance @ scores.T @ scores @ covariance
-    levels = problem.space.best_levels(problem.log_lift - candidate.log_ratio(vector))
+        gain = np.vstack([known.level_gain, known.gain])
+        sums = group_sums(gain * (log_l_inf - data.level_design @ levels), visit)
+        covariance = sums @ sums.T * len(visits) / max(len(visits) - 1, 1)
     change, slope = np.nan_to_num(far.log_ratio(vector)), far.jacobian(vector)
-    by_throttle = {}
-    for k, (throttle, shown) in enumerate(zip(data.levels, data.shown(np.eye(free)), strict=True)):
+    by_throttle, shown_levels = {}, data.shown(np.eye(data.unknown_levels))
+    for k, (throttle, shown) in enumerate(zip(data.levels, shown_levels, strict=True)):
         here = data.level == k
-        weight = np.concatenate([shown, slope[here].mean(axis=0), none])
+        weight = np.concatenate([shown, slope[here].mean(axis=0)])
         value = float(np.exp(shown @ levels + change[here].mean()))
         u = value * float(np.sqrt(weight @ covariance @ weight))
         by_throttle[float(throttle)] = Estimate(value=value, u=u)

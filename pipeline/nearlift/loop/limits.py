@@ -8,8 +8,9 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Effect
+from nearlift.fit.information import joint_information
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.loop.candidate_fit import Fitted, inverse
+from nearlift.loop.candidate_fit import Fitted, covariance_of
 from nearlift.loop.families import indicators
 from nearlift.loop.few_visits import applies
 from nearlift.loop.power import size_parameters
@@ -105,10 +106,9 @@ def silent(
         return ()
     names = [p.name for p in problem.base.parameters]
     space = problem.whitening(problem.parts, problem.slope)
-    jacobian = space.project(problem.base_fit.candidate.jacobian(problem.base_fit.vector).T).T
-    jacobian = jacobian[:, : len(names)]
-    basis, covariance = orthonormal(jacobian), inverse(jacobian.T @ jacobian)
-    u = np.sqrt(np.diag(covariance))
+    jacobian = problem.base_fit.candidate.jacobian(problem.base_fit.vector)[:, : len(names)]
+    known, basis = joint_information(space, jacobian), orthonormal(space.project(jacobian.T).T)
+    u = np.sqrt(np.diag(covariance_of(known)))
     # effect, what absorbs it, its visible share, the headline's bias, and whether it is hidden
     unseen: list[tuple[Effect, str, float, float, bool]] = []
     for effect in effects:
@@ -120,7 +120,7 @@ def silent(
             continue
         share = problem.visibility(effect)
         left = white - basis @ (basis.T @ white)
-        shift = covariance @ jacobian.T @ white / u
+        shift = known.gain @ columns[0][:, 0] / u
         most = int(np.argmax(np.abs(shift)))
         hidden, size = share < limit, size_parameters(effect)[0].plausible
         if not hidden:

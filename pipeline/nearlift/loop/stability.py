@@ -240,7 +240,7 @@ def without_visits(
         return []
     c, tried, problem, fitted = quoted.coefficients[name], [], answer.problem, answer.best
     i = [p.name for p in problem.base.parameters].index(name)
-    gain = fitted.covariance[i] @ fitted.jacobian.T
+    gain = fitted.information().gain[i]
     for visit in visits:
         again = without(visit.id)
         if again is None:
@@ -255,7 +255,7 @@ def without_visits(
             visit,
             shift=float(shift),
             standardised=float(abs(shift) / spread) if again.verdict == quoted.verdict else None,
-            shift_per_mm=float(gain @ problem.space.project(a_mm)),
+            shift_per_mm=float(gain @ a_mm),
         )
         tried.append((moved, again))
     return tried
