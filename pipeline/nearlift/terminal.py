@@ -43,7 +43,7 @@ COMMON = (
     click.Option(
         ["--executor"],
         default="auto",
-        help="serial, threads:N, processes:N or dask:ADDRESS; auto is one of the first three.",
+        help="serial, threads:N, processes:N or dask:ADDRESS; auto: processes for large records.",
     ),
     click.Option(["--seed"], type=int, default=0, help="Seed of everything random."),
     click.Option(
