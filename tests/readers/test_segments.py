@@ -301,7 +301,7 @@ WINDOWS: dict[str, Any] = {"column": None, "cut": "windows"}
         ({"length": "1 s"}, {}, "length is below shortest"),
         ({**WINDOWS, "length": "3 s", "settle": "3 s"}, {}, "length is below shortest, or settle"),
         ({}, {"records": {"files": "sweeps/{trial}.csv"}}, "write {record} in"),
-        ({}, {"load_cell": {"settle": "1 s"}}, "settle and record are of records"),
+        ({}, {"load_cell": {"settle": "1 s"}}, "settle and record apply to records"),
         ({}, {"records": {"reader": "means"}}, "has none"),
         ({**WINDOWS, "length": "3 s"}, {"load_cell": {"tare": "level 0"}}, "lowest level"),
         ({"settel": "1 s"}, {}, "settel: unknown key; did you mean 'settle'?"),

@@ -249,5 +249,5 @@ def test_a_trial_without_lift_is_marked_unless_it_is_rejected_already(
 
 def test_a_campaign_of_unsettled_records_is_noted() -> None:
     notes = judge.campaign_notes(lifts([0.2] * 4, ["unsettled"] * 3 + [""]), manifest())
-    assert "is `tare` or `settle` too short" in notes[0]
+    assert "Is `tare` or `settle` too short" in notes[0]
     assert judge.campaign_notes(lifts([0.2] * 4, ["unsettled"] + [""] * 3), manifest()) == []
