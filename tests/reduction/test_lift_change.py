@@ -12,7 +12,7 @@ import pytest
 
 from nearlift.campaign.manifest import boundaries_of
 from nearlift.reduction import lift_change
-from nearlift.reduction.lift_change import COLUMNS, OWN_SCATTER
+from nearlift.reduction.lift_change import CELL_COLUMNS, OWN_SCATTER
 from nearlift.stages import reduce as stage
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
@@ -59,7 +59,7 @@ def trials(
 def reduce(**table: np.ndarray) -> SimpleNamespace:
     """Cells with their columns as arrays."""
     made = lift_change.cells(**table)
-    columns = {name: made.table[name].to_numpy() for name in COLUMNS}
+    columns = {name: made.table[name].to_numpy() for name in CELL_COLUMNS}
     return SimpleNamespace(**columns, covariance=made.covariance)
 
 

@@ -170,7 +170,7 @@ def _described(
         partial=findings.partial(answer) if unexplained else None,
         at_bound=(findings.beyond_bounds(answer) or None) if unexplained else None,
         contradicted=answer.contradicted or None,
-        wander=answer.random_walk_gain or None,
+        random_walk_gain=answer.random_walk_gain or None,
         p_value=answer.first.p_value,
         structure=findings.structure_tests(answer),
         rounds=findings.rounds(answer),

@@ -22,7 +22,7 @@ from nearlift.readers.base import RecordsDialect
 from nearlift.readers.text import CSV, TEXT
 from nearlift.run import tables
 
-COLUMNS = ["trial", "boundary", "distance", "throttle"]
+SCHEDULE_COLUMNS = ["trial", "boundary", "distance", "throttle"]
 #: Suffixes and first letters of files in a folder that are no records.
 NO_RECORDS, NO_RECORD = (".md", ".pdf", ".png", ".jpg", ".docx", ".py", ".m", ".toml"), "readme"
 KEPT = "name a new folder; nothing is ever overwritten"
@@ -46,7 +46,7 @@ def write_template(folder: Path) -> Made:
     records = proposal.template()
     for key in records.keys() - {"load_cell", "records"}:
         del records[key]
-    schedule = _blank(COLUMNS, [])
+    schedule = _blank(SCHEDULE_COLUMNS, [])
     made = _write(folder, records, schedule, ["trials.csv: a line for each trial"])
     return replace(made, written=(*made.written, folder / "trials"))
 
@@ -260,7 +260,7 @@ def _schedule(
         schedule = _blank(["record", "boundary", "distance"], trials)
         more = [f"trials.csv: boundary and distance of {len(trials)} records"]
     else:
-        schedule = _blank(COLUMNS, trials)
+        schedule = _blank(SCHEDULE_COLUMNS, trials)
         more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
     if swept or len(inspected) != len(trials):
         return schedule, more

@@ -17,7 +17,7 @@ from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median
 
 #: Standard deviations, by the median, beyond which one of many is outlying; of few, whose scale is
 #: uncertain, more are asked for.
-APART, FEW = 6.5, 20
+APART, SMALL_SAMPLE = 6.5, 20
 #: Share of that distance at which samples are outlying if there are so many, of at least so many.
 NEARER, MIN_OUTLYING, MIN_SAMPLES = 0.7, 3, 100
 #: Samples of the first look, and the standard deviations at which blocks are looked at again.
@@ -108,7 +108,7 @@ def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> 
     level = median(values)
     away = np.abs(values - level)
     limit = IMPOSSIBLE * max(SD_PER_MAD * median(away), HIDDEN * step_of(values))
-    mask: BoolArray = away > limit * (1 + (FEW / len(values)) ** 2)
+    mask: BoolArray = away > limit * (1 + (SMALL_SAMPLE / len(values)) ** 2)
     border = mask if first else mask[::-1]
     starting = np.abs(values - (level + other) / 2) <= 0.6 * abs(level - other)
     run = int(np.argmin(border & (starting if first else starting[::-1])))
@@ -220,7 +220,7 @@ def slow_drift(values: FloatArray, means: FloatArray, step: float) -> float:
     curve = curves @ weights
     left = means - np.add.reduce(means) / n - curve
     least = max(float(left @ left) / (n - 1 - CUBIC), noise**2) * _memory(left)
-    if float(weights @ weights) <= TREND * (1 + (FEW / n) ** 2) ** 2 * CUBIC * least:
+    if float(weights @ weights) <= TREND * (1 + (SMALL_SAMPLE / n) ** 2) ** 2 * CUBIC * least:
         return 0.0
     return float(curve.max() - curve.min()) / 2
 
@@ -256,4 +256,4 @@ def _length(n: int) -> int:
 
 
 def _apart(n: int) -> float:
-    return APART * (1 + (FEW / n) ** 2)
+    return APART * (1 + (SMALL_SAMPLE / n) ** 2)

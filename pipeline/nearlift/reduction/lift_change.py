@@ -28,12 +28,13 @@ OWN_SCATTER = 4
 #: With more cells than this no covariance is written: a column of numbers for every cell, it grows
 #: with their square (34 MB here).
 MOST_CELLS = 2000
-COLUMNS = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L")
+CELL_COLUMNS = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cells:
-    """One boundary's cells, ordered by throttle, then distance: `table` with the columns `COLUMNS`.
+    """One boundary's cells, ordered by throttle, then distance: `table` with the columns
+    `CELL_COLUMNS`.
 
     The other fields are of all cells, those in free air included. `mean` is the mean lift (N),
     `far` the index of each one's L_inf; `near` selects those of the table. The covariance of the
@@ -93,7 +94,7 @@ def cells(
     made["u_lift_N"], made["delta_L"] = np.sqrt(variance), over - 1
     made["u_delta_L"] = np.sqrt(np.where(is_far, 0.0, both)) / np.abs(mean[far])
     near = np.isfinite(made["z_hat"].to_numpy())
-    table = made.loc[near, list(COLUMNS)].reset_index(drop=True)
+    table = made.loc[near, list(CELL_COLUMNS)].reset_index(drop=True)
     return Cells(table=table, near=near, mean=mean, far=far, variance=variance, joint=joint)
 
 
@@ -148,8 +149,8 @@ def lift_change(
         carried = _carried(trials, data, reduced[boundary].table)
         tables.append(carried.assign(boundary=boundary))
     table = pd.concat(tables, ignore_index=True)
-    further = sorted(set(map(str, table)) - {*COLUMNS, "boundary"})
-    table = table[[*COLUMNS, "boundary", *further]]
+    further = sorted(set(map(str, table)) - {*CELL_COLUMNS, "boundary"})
+    table = table[[*CELL_COLUMNS, "boundary", *further]]
     notes = [
         f"{side}: no trial is farther than z_hat = {far:.3g}, where the {side} still acts, so"
         " Delta L is against that; measure farther away, or in free air; or is the unit of"

@@ -222,7 +222,7 @@ def _zero_of(
     rate_Hz = conditions.rate_Hz
     zero, u2, codes, left_out = rest.mean, quiet / rest.n, [], 0
     noise = math.sqrt(run.squares / (run.n - 1))
-    repeats = rest.n >= contamination.FEW and rest.repeats >= FEWEST_REPEATS * rest.n
+    repeats = rest.n >= contamination.SMALL_SAMPLE and rest.repeats >= FEWEST_REPEATS * rest.n
     # one value repeats, though the converter would show some noise
     if repeats and check_stuck(tare, rest) and noise > COARSE * contamination.step_of(live):
         return zero, u2, ["STUCK"], 0

@@ -18,7 +18,7 @@ from nearlift.run.tables import Product
 from nearlift.stages.fit import RESULTS
 
 #: Fewer degrees of freedom than this are printed with a decimal.
-FEW = 9.95
+MIN_INTEGER_DOF = 9.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,7 +212,7 @@ class Place:
         dof = self.number(*path, places=0)
         if not math.isfinite(dof.value):
             return replace(dof, text="∞", value=math.inf)
-        return dof if dof.value >= FEW else replace(dof, text=fixed(dof.value, 1))
+        return dof if dof.value >= MIN_INTEGER_DOF else replace(dof, text=fixed(dof.value, 1))
 
     def text(self, *path: str | int) -> Markup:
         """A sentence of the product behind the boundary that it is about."""

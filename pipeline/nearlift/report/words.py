@@ -320,7 +320,11 @@ class Brief:
             said.append(f"cell means deviate significantly from {self.model}: {only_if}")
         if diagnosis:
             said += [*(diagnosis.contradicted or ()), *map(titled, diagnosis.at_bound or ())]
-            said += [random_walk(diagnosis.wander)] if diagnosis.wander is not None else []
+            said += (
+                [random_walk(diagnosis.random_walk_gain)]
+                if diagnosis.random_walk_gain is not None
+                else []
+            )
             if diagnosis.verdict == "unexplained" and not diagnosis.contradicted:
                 where = structure_along(diagnosis)
                 vary = f" vary with {where}" if where else " have structure"

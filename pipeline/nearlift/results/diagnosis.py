@@ -198,9 +198,10 @@ class BoundaryDiagnosis:
     of the structure. `at_bound` would explain half of it or more with a size at a bound of its
     range. `contradicted` is evidence against a model that no test of structure rejects.
 
-    `wander` is the root mean square, as a fraction of lift, of the gain's random walk besides the
-    answer, along nothing that was logged. `error` is None where no visit can be predicted from the
-    others. `L_inf_N` is by the accepted model, in the average conditions of its trials.
+    `random_walk_gain` is the root mean square, as a fraction of lift, of the gain's random walk
+    besides the answer, along nothing that was logged. `error` is None where no
+    visit can be predicted from the others. `L_inf_N` is by the accepted model, in the average
+    conditions of its trials.
     """
 
     base_model: str
@@ -213,7 +214,7 @@ class BoundaryDiagnosis:
     partial: IfAny[tuple[PartialEffect, ...]] = None
     at_bound: IfAny[tuple[str, ...]] = None
     contradicted: IfAny[tuple[str, ...]] = None
-    wander: IfAny[float] = None
+    random_walk_gain: IfAny[float] = None
     p_value: Real
     structure: tuple[StructureTest, ...]
     rounds: tuple[LoopRound, ...]

@@ -148,7 +148,7 @@ def run(job: Job) -> Outcome:
             f"{data.n} trials {loop.sensitivity}" if loop.sensitivity else "",
             *(loop.contradicted or ()),
             *(loop.at_bound or ()),
-            phrases.random_walk(loop.wander) if loop.wander else "",
+            phrases.random_walk(loop.random_walk_gain) if loop.random_walk_gain else "",
             phrases.dependence(diagnosis.quoted),
             f"downwash at {len(downwash)} distances enters the probabilities" if downwash else "",
         )

@@ -18,7 +18,7 @@ from nearlift.version import __version__
 
 NAMES = {"none": "free air"}
 #: Trials that are listed unfolded.
-FEW = 20
+MAX_UNFOLDED = 20
 
 
 def quality(evidence: Evidence) -> Markup:
@@ -65,7 +65,7 @@ def quality(evidence: Evidence) -> Markup:
         blocks.fold(
             every,
             blocks.table(every, heads, left_out, hidden=True, source=TRIALS.file),
-            opened=len(left_out) <= FEW,
+            opened=len(left_out) <= MAX_UNFOLDED,
         ),
     )
 

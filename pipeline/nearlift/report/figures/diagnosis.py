@@ -111,7 +111,7 @@ def _covariates(diagnosis: BoundaryDiagnosis) -> list[str]:
     structure = diagnosis.structure
     shown = [s for s in structure[1:] if s.significant and diagnosis.verdict == "unexplained"]
     words = [s.covariate for s in (*structure[:1], *shown)] or ["distance"]
-    words += ["start"] if diagnosis.wander else []
+    words += ["start"] if diagnosis.random_walk_gain else []
     if len(diagnosis.effects) > 1:
         known = {e.name: e.varies_with for e in catalogue.effects()}
         varying = [known[e.name] for e in diagnosis.effects if e.name in known]
