@@ -43,6 +43,16 @@ class Sensitivity:
     chance: Real
     limits: tuple[DetectionLimit, ...]
 
+    def __str__(self) -> str:
+        seen = [row.text for row in self.limits if row.size is not None]
+        unseen = list(dict.fromkeys(row.effect for row in self.limits if row.size is None))
+        if not seen:
+            return "could not have detected any effect of a possible size"
+        words = f"could have detected {', '.join(seen)} ({100 * self.chance:.0f} % power each)"
+        if unseen:
+            words += f"; no possible size of {', '.join(unseen)}"
+        return words
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SilentEffect:
