@@ -214,8 +214,9 @@ def run_chain(
             ends = np.quantile(late, [0.05, 0.95], axis=(0, 1))
             tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
             if reached.min() >= ess and tail.min() >= TAIL * ess:
-                # two draws for each effective one that is asked for; more would tell little more
-                thin = max(late.shape[0] * count // (2 * ess), 1)
+                # two draws for each effective one that is asked for, more would tell little more;
+                # arviz takes fewer of a walker than there are walkers for a mistake
+                thin = max(late.shape[0] // max(2 * ess // count, count), 1)
                 kept = late[::thin].transpose(1, 0, 2)
                 check = compare(density.problem.names, kept, lattice) if lattice else None
                 if check and check.failed:
