@@ -248,7 +248,9 @@ def test_where_processes_cannot_be_had_as_usual_tasks_still_run(tmp_path, progra
         capture_output=True,
         text=True,
     )
-    assert (done.stdout.strip(), done.stderr) == (answer, "")
+    assert done.stdout.strip() == answer
+    # where coverage is measured, it says that it cannot open its file
+    assert "Traceback" not in done.stderr
 
 
 def test_a_killed_program_leaves_nothing_and_says_nothing(tmp_path):
