@@ -94,7 +94,7 @@ class Parameter:
         the trials.
     usual_lift_N : float
         Largest median lift at which bounds and prior hold. Beyond it both grow in proportion to
-        lift, as the errors of larger load cells do; per newton they shrink.
+        lift, as the errors of larger load cells do.
     """
 
     name: str
@@ -127,8 +127,6 @@ class Parameter:
         factor = lift_N / self.usual_lift_N
         if not factor > 1:
             return self
-        # a share of the reading per newton is that at full scale over a larger range
-        factor = 1 / factor if self.unit == "1/N" else factor
         low, high = self.bounds
         prior = replace(self.prior, scale=factor * self.prior.scale)
         return replace(self, bounds=(factor * low, factor * high), prior=prior)

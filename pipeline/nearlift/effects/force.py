@@ -24,8 +24,7 @@ def zero_offset(lift: Any, /, *, zero_N: Any) -> Any:
     Convention: zero_N > 0 reads too much lift. The larger the lift, the less it matters in
     proportion; L_inf of a throttle takes up the part that does not vary with distance.
 
-    Size on a Crazyflie: 0 to 0.5 gf (5 mN), 1.9 % of the weight. Above a median lift of 1 N prior
-    and bounds grow in proportion to it.
+    Size on a Crazyflie: 0 to 0.5 gf (5 mN), 1.9 % of the weight.
 
     Confounded with K_b (it pushes every gain towards 1 in proportion), reynolds and
     cell_nonlinearity.
@@ -40,8 +39,7 @@ ZERO_OFFSET = Effect(
     separated_by="a tare after the trial, low throttle, and check masses with the motors powered",
     parameters=(
         Parameter("zero_N", "N", 0.0, (-0.05, 0.05), normal(0.0, 0.005),
-            "force left after the tare, the same at every trial; positive reads too much lift",
-            usual_lift_N=USUAL_LIFT_N),
+            "force left after the tare, the same at every trial; positive reads too much lift"),
     ),
     source=Source("Physics of the bench", doubts=("0.5 gf is the estimate for a cell of 1 kgf.",)),
     checks=(
@@ -159,8 +157,7 @@ def cell_nonlinearity(lift: Any, /, *, nonlinearity_per_N: Any) -> Any:
     does not vary with distance; gains at high throttle are then read larger.
 
     Size on a Crazyflie: 0.1 % of full scale, 1e-4 per N for a cell of 1 kgf, invisible. A cell of 1
-    N loaded off its axis 0.01 per N and more. Above a median lift of 1 N prior and bounds shrink in
-    inverse proportion to it.
+    N loaded off its axis 0.01 per N and more.
 
     Confounded with reynolds and zero_offset (gain against throttle), and with K_b at a single
     throttle.
@@ -176,8 +173,7 @@ CELL_NONLINEARITY = Effect(
     separated_by="check masses up and down over the range used",
     parameters=(
         Parameter("nonlinearity_per_N", "1/N", 0.0, (-0.3, 0.3), normal(0.0, 0.03),
-            "relative excess of the reading per newton; positive reads large forces too large",
-            usual_lift_N=USUAL_LIFT_N),
+            "relative excess of the reading per newton; positive reads large forces too large"),
     ),
     source=Source("Data sheets of strain-gauge cells",
         doubts=(
@@ -253,8 +249,7 @@ def tether_stiffness(lift: Any, /, *, z_hat: Any, radius_m: Any, stiffness_N_per
     at all distances is `zero_offset`.
 
     Size on a Crazyflie: 0 to 20 mN/m, so 0 to 1 mN (0.4 % of the weight) over 50 mm. 5 mN at the
-    farthest station of 265 mm. Above a median lift of 1 N prior and bounds grow in proportion to
-    it.
+    farthest station of 265 mm.
 
     Confounded with K_b (a long tail), room_recirculation, plate_edge; at a single throttle with
     anything slow in distance.
@@ -273,7 +268,7 @@ TETHER_STIFFNESS = Effect(
     parameters=(
         Parameter("stiffness_N_per_m", "N/m", 0.0, (-0.2, 0.2), normal(0.0, 0.02),
             "pull of the wiring per metre from the boundary; positive reads too much lift far"
-            " away", usual_lift_N=USUAL_LIFT_N),
+            " away"),
     ),
     source=Source("Physics of the bench",
         doubts=("0 to 20 mN/m is an estimate for thin leads; it depends on their routing.",)),
