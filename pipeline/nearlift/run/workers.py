@@ -96,10 +96,7 @@ class Processes(futures.ProcessPoolExecutor):
 
     def end(self) -> None:
         """End the processes at once, whatever they do."""
-        # neither is part of the library's interface (before Python 3.14)
-        if waiting := getattr(self, "_call_queue", None):
-            # the end of this process would wait until it is sent
-            waiting.cancel_join_thread()
+        # this is no part of the library's interface before Python 3.14
         for process in list((self._processes or {}).values()):
             process.terminate()
 
