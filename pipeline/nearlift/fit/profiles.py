@@ -43,14 +43,11 @@ class Profile:
         Ascending.
     rise : (k,)
         chi2 above its least, all else optimised.
-    quadratic : (k,)
-        The same by the standard uncertainty alone.
     """
 
     parameter: str
     value: FloatArray
     rise: FloatArray
-    quadratic: FloatArray
     ends: ProfileIntervals
 
 
@@ -90,7 +87,6 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray, stations: Stations) -
         parameter=fit.names[i],
         value=value,
         rise=rise,
-        quadratic=((value - fit.theta[i]) / sd[i]) ** 2,
         ends=_intervals(value, rise, dof),
     )
 
@@ -109,8 +105,7 @@ def _along(
     start[:, i] = value
     free = np.arange(len(fit.theta)) != i
     scale = np.where(sd > 0, sd, 1.0)
-    target = np.tile(stations.target(np.log(fit.problem.data.lift_N)), (len(value), 1))
-    system = solver.system_at(stations, target)
+    system = solver.system_at(stations, np.tile(stations.measured[0], (len(value), 1)))
     return solver.minimise(system, start, fit.model.bounds, scale, free).chi2
 
 

@@ -73,7 +73,7 @@ class Stations:
         return where_finite(lambda x: x @ triangle.T, x)
 
     @cached_property
-    def _measured(self) -> tuple[FloatArray, float]:
+    def measured(self) -> tuple[FloatArray, float]:
         """Target of the trials, and the part of chi2 that no parameter changes."""
         log_lift = np.log(self.problem.data.lift_N)
         target, whole = self.target(log_lift), self.problem.project(log_lift - self.problem.shift)
@@ -81,7 +81,7 @@ class Stations:
 
     def chi2(self, theta: FloatArray) -> FloatArray:
         """Chi2 for theta (m, p), (m,); inf where the model has no value. See `Likelihood.chi2`."""
-        target, rest = self._measured
+        target, rest = self.measured
         total = np.zeros(len(theta))
         for some in self.batches(len(theta)):
             r = target - self.white(self.at.log_ratio(theta[some]))
