@@ -276,6 +276,7 @@ def reduced_trials(
                 f"the tares have {samples} samples: too few to show damage of more than one of"
                 f" them ({FEW_OF_TARE} would)"
             )
+    # with it come pandas and scipy, which no worker needs
     from nearlift.reduction import judge
 
     if reader.contents is not None and not campaign.cuts_records:
@@ -389,9 +390,6 @@ def _from_records(
     answers: dict[str, RecordAnswer] = {}
     refusals: list[InputRefused] = []
     for done in spread(reduce_piece, tasks):
-        # pandas and scipy, which no worker needs, are loaded while workers read
-        import nearlift.reduction.judge  # noqa: F401
-
         answers |= {answer.record: answer for answer in done}
         refusals += [answer.refusal for answer in done if answer.refusal]
         if 2 * len(refusals) > count:

@@ -192,10 +192,8 @@ def _edges(
     if section.cut == "windows":
         return values, [(head, n)]
     if section.column is None:
-        step, steps = (
-            section.step or 0.0,
-            np.abs(np.diff(values[head:][np.isfinite(values[head:])])),
-        )
+        step = section.step or 0.0
+        steps = np.abs(np.diff(values[head:][np.isfinite(values[head:])]))
         grain = float(steps[steps > 0].min(initial=np.inf))
         # of a coarse converter every code would be a plateau
         if np.count_nonzero(steps) < 0.5 * len(steps) and step < 3 * grain * (1 - 1e-9) < np.inf:
