@@ -17,6 +17,7 @@ import click
 from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, did_you_mean
 from nearlift.printing import printable, say
 from nearlift.rounding import bytes_text
+from nearlift.run.tables import LEDGER
 from nearlift.stages import STAGES
 
 if TYPE_CHECKING:
@@ -270,15 +271,15 @@ def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
         execute_many(call, (campaign,), only)
     wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)
     steps: list[Step] = []
-    snapshots: list[dict[str, str]] = []
+    # None: every stage was up to date, and no product is read
+    before: dict[str, str] | None = None
+    after: dict[str, str] = {}
     with call.job(campaign, call.executor) as job:
 
         def begin(stage: Stage, why: str) -> None:
-            # a run that does nothing reads no product
-            from nearlift.stages import looks
-
-            if not snapshots:
-                snapshots.append(looks.answers(job))
+            nonlocal before
+            if before is None:
+                before = _answers(job) if (job.processed / LEDGER).is_file() else {}
             if stage.name == "ingest":
                 size = bytes_text(sum(size for size, _ in job.stamps.values()))
                 why = f"{why}; {len(job.stamps)} files with {size}"
@@ -293,19 +294,16 @@ def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
                 for note in step.outcome.notes:
                     call.line(f"  note: {note}")
                 steps.append(step)
-        if snapshots:
-            from nearlift.stages import looks
-
-            snapshots.append(looks.answers(job))
+        if before:
+            after = _answers(job)
     rejected = [trial for step in steps for trial in step.outcome.rejected]
     _list_rejected(call, rejected)
     report = job.reports / "index.html"
     reported = report.is_file() and wanted[-1].report
     if reported:
         call.line(f"\n{(job.reports / 'summary.txt').read_text(encoding='utf-8')}")
-    before, after = snapshots or ({}, {})
-    if before or not snapshots:
-        both = [(key, now, before.get(key, "none")) for key, now in after.items()]
+    if before or before is None:
+        both = [(key, now, (before or {}).get(key, "none")) for key, now in after.items()]
         changes = [f"  {key}: {now} (was {was})" for key, now, was in both if now != was]
         summary = "changed since the last run:" if changes else "unchanged since the last run"
         call.line("\n".join([summary, *changes]))
@@ -320,6 +318,13 @@ def execute(call: Call, campaign: Path, only: str | None = None) -> NoReturn:
     if call.as_json or reported:
         call.answer(content, str(report))
     sys.exit(code)
+
+
+def _answers(job: Job) -> dict[str, str]:
+    """Results that are there so far, in words; see `stages.looks`."""
+    from nearlift.stages import looks
+
+    return looks.answers(job)
 
 
 def _list_rejected(call: Call, rejected: Sequence[tuple[str, str]]) -> None:

@@ -233,7 +233,8 @@ def parse(
     # looking each cell up among the words takes a fifth of the time, and most files have none
     for known_words in [[]] if layout.trailing else [[], _WORDS]:
         with contextlib.suppress(pa.ArrowInvalid, UnicodeDecodeError):
-            table = pc.read_csv(
+            # `read_csv` reads ahead in a thread, which two processes on two processors wait for
+            table = pc.open_csv(
                 pa.BufferReader(body),
                 read_options=pc.ReadOptions(
                     column_names=names, use_threads=False, block_size=1 << 20
@@ -248,7 +249,7 @@ def parse(
                     check_utf8=False,
                     decimal_point=layout.decimal,
                 ),
-            )
+            ).read_all()
             words = [[str(c or "").strip() for c in table[f"c{i}"].to_pylist()] for i in texts]
             break
     else:
@@ -271,10 +272,12 @@ def floats(column: Any) -> FloatArray:
     By DLPack: Arrow's own `to_numpy` imports pandas (0.3 s).
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
-    values: Any = pc.cast(column, "float64", safe=False)
+    # `pyarrow.compute` takes long to load, and most columns need none of it
+    values = column if column.type == pa.float64() else column.cast("float64", safe=False)
     if values.null_count:
+        import pyarrow.compute as pc
+
         # from bytes: `pa.scalar` and `pa.array` would import pandas as well
         nan = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])
         values = pc.fill_null(values, nan[0])

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from nearlift.declare import FloatArray
 from nearlift.reduction.stretch import SD_PER_MAD, median
@@ -87,9 +86,12 @@ def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
     whose noise is estimated from the differences of neighbours. Every change is then moved to the
     sample that fits best within a batch.
     """
-    known = pd.Series(np.where(np.isfinite(values), values, np.nan))
-    values = np.asarray(known.ffill().bfill().fillna(0.0), dtype=np.float64)
-    n = len(values)
+    n, known = len(values), np.isfinite(values)
+    if known.any():
+        last = np.maximum.accumulate(np.where(known, np.arange(n), known.argmax()))
+        values = values[last]
+    else:
+        values = np.zeros(n)
     size = max(smallest // BATCHES, math.ceil(n / MOST), 1)
     m = n // size
     if m < 2:

@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from dataclasses import dataclass, field, replace
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,6 +91,8 @@ class Stage:
         It belongs to a run only where the campaign has this section.
     imports : tuple of str
         Modules that it needs and that take long to load; see `Job.ahead`.
+    workers : tuple of str
+        Modules that other processes need for its tasks.
     question : tuple of click.Option
         Options with which the command answers a question instead of running the stage.
     example : str
@@ -109,6 +110,7 @@ class Stage:
     report: bool = False
     where: str = ""
     imports: tuple[str, ...] = ()
+    workers: tuple[str, ...] = ()
     question: tuple[click.Option, ...] = ()
     example: str = ""
 
@@ -273,14 +275,18 @@ def open_job(
         listed |= inputs
     cache = processed / CACHE
     known = {} if fresh else tables.read_json_if_whole(cache)
-    stamps, digests, settled = hashed(root, {f for files in listed.values() for f in files}, known)
-    # a list of files has the digest of its names, each with its file's
-    digests |= {
-        name: tables.digest_of("".join(f"{n} {digests[n]}\n" for n in files).encode())
-        for name, files in listed.items()
-        if files != (name,)
-    }
+    stamps = stamped(root, {f for files in listed.values() for f in files})
     with open_executor(executor, sum(size for size, _ in stamps.values())) as pool:
+        if isinstance(pool, Processes) and stamps.keys() - known.keys():
+            # new files will be read, so the processes start while this one hashes
+            pool.load(name for stage in reading for name in stage.workers)
+        digests, settled = hashed(root, stamps, known)
+        # a list of files has the digest of its names, each with its file's
+        digests |= {
+            name: tables.digest_of("".join(f"{n} {digests[n]}\n" for n in files).encode())
+            for name, files in listed.items()
+            if files != (name,)
+        }
         try:
             yield Job(
                 root=root,
@@ -302,27 +308,31 @@ def open_job(
                     tables.write_whole(cache, json.dumps(settled).encode())
 
 
-def hashed(
-    root: Path, files: Iterable[str], known: Mapping[str, Any]
-) -> tuple[dict[str, Stamp], dict[str, str], dict[str, list[Any]]]:
-    """Stamp and SHA-256 of each raw file, and those that may be `known` next time; a file whose
-    stamp is known is not read again.
-    """
-    folder, now_ns = root.as_posix(), time.time_ns()
-    stamps, digests = dict[str, Stamp](), dict[str, str]()
+def stamped(root: Path, files: Iterable[str]) -> dict[str, Stamp]:
+    """The stamp of each raw file."""
+    folder, stamps = root.as_posix(), dict[str, Stamp]()
     for file in files:
         status = os.stat(f"{folder}/{file}")  # noqa: PTH116 - paths made one by one take longer
         stamps[file] = status.st_size, status.st_mtime_ns
+    return stamps
+
+
+def hashed(
+    root: Path, stamps: Mapping[str, Stamp], known: Mapping[str, Any]
+) -> tuple[dict[str, str], dict[str, list[Any]]]:
+    """SHA-256 of each raw file, and those that may be `known` next time; a file whose stamp is
+    known is not read again.
+    """
+    folder, now_ns, digests = root.as_posix(), time.time_ns(), dict[str, str]()
+    for file, stamp in stamps.items():
         match known.get(file):
-            case [*stamp, str(sha)] if (*stamp,) == stamps[file]:
+            case [*before, str(sha)] if (*before,) == stamp:
                 digests[file] = sha
-    unknown = [file for file in stamps if file not in digests]
-    # hashing leaves the interpreter free
-    with futures.ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
-        hashes = pool.map(tables.sha256, (f"{folder}/{file}" for file in unknown))
-        digests |= zip(unknown, hashes, strict=True)
+    # threads would take as long over small files
+    unknown = stamps.keys() - digests.keys()
+    digests |= {file: tables.sha256(f"{folder}/{file}") for file in unknown}
     settled = {f: [*s, digests[f]] for f, s in stamps.items() if now_ns - s[1] >= YOUNG_NS}
-    return stamps, digests, settled
+    return digests, settled
 
 
 # ---- staleness
@@ -341,6 +351,8 @@ def code_digest() -> str:
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages whose version can change a number."""
+    from importlib import metadata
+
     return {"python": platform.python_version(), **{n: metadata.version(n) for n in NUMERICAL}}
 
 

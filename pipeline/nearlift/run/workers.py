@@ -58,11 +58,11 @@ class Processes(futures.ProcessPoolExecutor):
     """Fresh processes that import nothing from the current folder and end with this one. If none
     can be started, tasks run in the calling thread.
 
-    They are `ready` to draw once they load what that needs. With `program` they import the running
-    program, as its own tasks need; without a guard (``__name__ == "__main__"``) this runs it again.
+    With `program` they import the running program, as its own tasks need; without a guard
+    (``__name__ == "__main__"``) this runs it again.
     """
 
-    ready = cannot_start = False
+    cannot_start = False
 
     def __init__(self, workers: int, program: bool = True) -> None:
         import multiprocessing
@@ -85,14 +85,18 @@ class Processes(futures.ProcessPoolExecutor):
                 self.cannot_start = True
         return SerialExecutor().submit(fn, *args, **kwargs)
 
+    @property
+    def begun(self) -> bool:
+        """Whether there are processes already."""
+        return bool(self._processes)
+
     def load(self, names: Iterable[str]) -> None:
         """Let each process import these modules, while this one goes on."""
         names = tuple(names)
-        # where they have died, figures are drawn here
+        # where they have died, the first task says so
         with contextlib.suppress(futures.BrokenExecutor):
             for _ in range(self.workers if names else 0):
                 self.submit(isolation.load, names)
-                self.ready = True
 
     def end(self) -> None:
         """End the processes at once, whatever they do."""
@@ -200,7 +204,7 @@ def shared(
     executor: Processes,
     task: Callable[[Task], Result],
     specs: Iterable[Task],
-    ahead: int = 64,
+    ahead: int = 512,
     first: Callable[[], None] = lambda: None,
 ) -> Iterator[Result]:
     """`ordered` results to which this process contributes, once it has done something else

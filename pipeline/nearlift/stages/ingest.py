@@ -135,4 +135,5 @@ STAGE = Stage(
     ),
     inputs=inputs,
     imports=("nearlift.reduction.judge",),
+    workers=("nearlift.readers.rows",),
 )
