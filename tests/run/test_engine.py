@@ -18,7 +18,7 @@ from tests.unit import small_run
 from tests.unit.small_run import job, ran, state
 
 from nearlift.errors import InputRefused, ProductError
-from nearlift.run import engine, tables
+from nearlift.run import engine, tables, workers
 from nearlift.run.engine import Busy, Outcome, Stage, ordered_stages, stage_of
 from nearlift.run.tables import Product, real
 from nearlift.stages import PRODUCTS, STAGES
@@ -179,6 +179,18 @@ def test_raw_files_are_hashed_again_only_where_size_or_time_has_changed(tmp_path
     os.utime(root / "trials.csv", (5e8, 5e8))
     with engine.open_job(root, tmp_path, FIRST, "serial", 0):
         assert hashed == ["trials.csv"]
+
+
+def test_processes_load_what_they_need_while_new_files_are_hashed(tmp_path, monkeypatch):
+    root, order = small_run.write_means(tmp_path / "raw", 24), []
+    for file in root.iterdir():
+        os.utime(file, (2e8, 2e8))
+    monkeypatch.setattr(workers.Processes, "load", lambda _, names: order.append([*names]))
+    monkeypatch.setattr(tables, "sha256", lambda path: order.append("hashed") or "")
+    for _ in range(2):
+        with engine.open_job(root, tmp_path, FIRST, "processes:1", 0) as job:
+            job.processed.mkdir(parents=True, exist_ok=True)
+    assert order == [[*FIRST[0].workers], "hashed", "hashed"]
 
 
 # ---- stages of the tests

@@ -62,7 +62,7 @@ class Processes(futures.ProcessPoolExecutor):
     (``__name__ == "__main__"``) this runs it again.
     """
 
-    cannot_start = False
+    ready = cannot_start = False
 
     def __init__(self, workers: int, program: bool = True) -> None:
         import multiprocessing
@@ -85,18 +85,18 @@ class Processes(futures.ProcessPoolExecutor):
                 self.cannot_start = True
         return SerialExecutor().submit(fn, *args, **kwargs)
 
-    @property
-    def begun(self) -> bool:
-        """Whether there are processes already."""
-        return bool(self._processes)
-
     def load(self, names: Iterable[str]) -> None:
-        """Let each process import these modules, while this one goes on."""
+        """Let each process import these modules, while this one goes on; `ready` says whether there
+        are processes then.
+        """
         names = tuple(names)
-        # where they have died, the first task says so
-        with contextlib.suppress(futures.BrokenExecutor):
+        try:
             for _ in range(self.workers if names else 0):
                 self.submit(isolation.load, names)
+                self.ready = not self.cannot_start
+        except futures.BrokenExecutor:
+            # figures are drawn here
+            self.ready = False
 
     def end(self) -> None:
         """End the processes at once, whatever they do."""

@@ -27,7 +27,7 @@ def run(job: Job) -> Outcome:
 
     evidence = gather(job)
     # processes that have read draw every second figure: matplotlib needs one for itself
-    others = job.executor if isinstance(job.executor, Processes) and job.executor.begun else None
+    others = job.executor if isinstance(job.executor, Processes) and job.executor.ready else None
     drawing: list[tuple[FigureSpec, pd.DataFrame, Future[dict[str, bytes]] | None]] = []
     missing: list[str] = []
     for i, spec in enumerate(FIGURES):
