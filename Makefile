@@ -11,6 +11,7 @@ DEV_LOCK  := requirements-dev.lock
 # measured on Linux once Python has compiled what it imports; pip compiles nothing
 RUN_SIZE  := 52 packages, 690 MB,
 DEV_SIZE  := some 110 packages, 1300 MB,
+CORE := declare models effects likelihood reduction fit loop
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
 .PHONY: demo measured test nightly lint check mutate bench calibrate docs build clean
@@ -34,8 +35,8 @@ lint: $(TOOLS)            ## format, lint, types, layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-check: lint              ## the inner loop, a minute on two cores: lint, and the quick tests of the core
-	$(BIN)/pytest -q -n 2 --core
+check: lint              ## the inner loop: lint, and the tests of the core
+	$(BIN)/pytest -q -n 2 $(CORE:%=tests/%)
 
 mutate: $(TOOLS)          ## sixty seeded mutants of the core, and which of them the tests kill
 	nice $(BIN)/python -m tests.mutation --save

@@ -1,5 +1,5 @@
 """One BLAS thread for every test process: small fits are slowed down many times by threads that
-wait for each other. The quick tests of the core (`--core`). And the demo, run once.
+wait for each other. And the demo, run once.
 """
 
 import contextlib
@@ -15,7 +15,6 @@ import hypothesis
 import pytest
 import threadpoolctl
 from click.testing import CliRunner
-from tests.imports import SOURCES, is_core, module_name
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -33,33 +32,11 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("untimed")
 
 
-SLOW = Path(__file__).parent / "slow.txt"
-SLOW_CPU_S = 0.5  # processor time, which other programs do not change
-BEGAN = pytest.StashKey[float]()
-cpu_s: dict[str, float] = {}
-
-
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--executor",
         default="serial",
         help="where simulated campaigns run: serial, threads:N, processes:N or dask:ADDRESS",
-    )
-    parser.addoption(
-        "--core",
-        action="store_true",
-        help="test modules that import the loop and what is below it alone, without slow.txt",
-    )
-    parser.addoption(
-        "--beyond",
-        action="append",
-        default=[],
-        help="with --core: a folder or file in tests/ that is run as well",
-    )
-    parser.addoption(
-        "--write-slow",
-        action="store_true",
-        help=f"with --core: run all, and write those above {SLOW_CPU_S:g} s into slow.txt",
     )
 
 
@@ -69,57 +46,10 @@ def pytest_configure(config: pytest.Config) -> None:
     config.option.randomly_reset_seed = False
 
 
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """With --core, modules of other packages are not even imported."""
-    is_test = collection_path.match("test_*.py") and collection_path.is_relative_to(
-        SOURCES["tests"]
-    )
-    beyond = any(collection_path.is_relative_to(SOURCES["tests"] / b) for b in config.option.beyond)
-    if config.option.core and is_test and not beyond and not is_core(module_name(collection_path)):
-        return True
-    return None
-
-
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     # the demo takes longest, and while a process makes it the others have work of their own
     items.sort(key=lambda item: "demo" not in getattr(item, "fixturenames", ()))
-    if config.option.core and not config.option.write_slow:
-        slow = set(SLOW.read_text(encoding="utf-8").splitlines())
-        config.hook.pytest_deselected(items=[item for item in items if item.nodeid in slow])
-        items[:] = [item for item in items if item.nodeid not in slow]
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    item.stash[BEGAN] = sum(os.times()[:4])
-    return (yield)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
-    report = yield
-    report.cpu_s = sum(os.times()[:4]) - item.stash[BEGAN]
-    return report
-
-
-def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    cpu_s[report.nodeid] = report.cpu_s
-
-
-def pytest_terminal_summary(
-    terminalreporter: pytest.TerminalReporter, config: pytest.Config
-) -> None:
-    if "PYTEST_XDIST_WORKER" in os.environ or not config.option.core:
-        return
-    slow = sorted(name for name, taken in cpu_s.items() if taken > SLOW_CPU_S)
-    if config.option.write_slow:
-        SLOW.write_text("".join(f"{name}\n" for name in slow), encoding="utf-8")
-    elif slow:
-        terminalreporter.write_line(
-            f"above {SLOW_CPU_S:g} s of processor, so `pytest --core --write-slow` would leave"
-            f" them to `make test`: {', '.join(slow)}"
-        )
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -1,182 +1,139 @@
-"""Draw mutants, run the tests that reach each of them in a copy of the tree, print what survived.
+"""Draw mutants, run the test modules that reach each in a copy of the tree, print what survived.
 
-    python -m tests.mutation [--count 60] [--seed 1] [--jobs 2] [--limit 300] [--again] [--save]
+    python -m tests.mutation [--count 60] [--seed 1] [--jobs 2] [--only ROOM] [--save]
 
-First all tests of `make check`, and of the packages in `BEYOND`, run once, and what they reach is
-recorded. A mutant's tests are those that run its line, module by module and the
-quick ones first, then the rest of these modules. A constant, or a line that is compiled, counts as
-run by the tests that call a function of its module or of one that imports it. `--again` takes over what an
-earlier run recorded and killed: modules of tests that are new since then are not run.
+First the tests of `FOLDERS` run once, and coverage.py records which lines each test module runs.
+A mutant's tests are the modules that run its line, those of its own package first. A constant, or a
+line that numba compiles, counts as run by the modules that run any line of its file.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
 import os
 import shutil
-import signal
+import subprocess
 import sys
 import tempfile
-import time
 import tomllib
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
 
-import pytest
-from tests.imports import ROOT, imported, module_name, modules
+import coverage
 from tests.mutation.mutants import Mutant, drawn
-from tests.mutation.process import Order, Recorder, run_tests
 
-CORE = ("likelihood", "fit", "loop", "reduction", "models", "effects")
-#: Packages whose tests run stages, and these tests.
-BEYOND = {
-    "flight": "flight",
-    "flow": "flow",
-    "readers": "readers",
-    "run": "run",
-    "report/number.py": "report/test_number.py",
-}
-ROOMS = [Path("pipeline/nearlift") / room for room in (*CORE, *BEYOND)]
-ALL = [f"--beyond={tests}" for tests in BEYOND.values()]
+ROOT = Path(__file__).resolve().parents[2]
+ROOMS = [
+    "likelihood",
+    "fit",
+    "loop",
+    "reduction",
+    "models",
+    "effects",
+    "flight",
+    "flow",
+    "readers",
+    "run",
+]
+FOLDERS = [*(f"tests/{room}" for room in ROOMS), "tests/report/test_number.py"]
 PAGE = ROOT / "docs" / "mutation.md"
-#: Of the last run, which --again goes on from: by mutant, the tests that reach it; and what came out.
-REACHED, KEPT = (ROOT / ".pytest_cache" / f"mutation-{n}.json" for n in ("reached", "kept"))
 EQUIVALENT: Mapping[str, str] = tomllib.loads(
     (ROOT / "tests" / "mutation" / "equivalent.toml").read_text(encoding="utf-8")
 )
 COPIED = ("pipeline", "tests", "docs", "examples", "benchmarks", "pyproject.toml", "README.md")
-#: Its processes have imported what takes long, and nothing of the package.
-FORKED = multiprocessing.get_context("forkserver")
-PRELOADED = ("scipy.optimize", "scipy.stats", "tests.mutation.process")
-#: By test, its seconds of processor, and what it runs: files, and lines as `file:line`.
-Record = Mapping[str, tuple[float, list[str]]]
+PYTEST = ["pytest", "-q", "-n0", "-p", "no:randomly", "-p", "no:cacheprovider"]
+#: Seconds for the tests of one mutant; an endless loop is one that no test kills.
+LIMIT_S = 900
 
 
-@contextmanager
-def copies(count: int) -> Iterator[list[Path]]:
-    """Copies of the tree, to be changed."""
-    with tempfile.TemporaryDirectory(prefix="mutation-") as scratch:
-        trees = [Path(scratch) / str(i) for i in range(count)]
-        for tree in trees:
-            tree.mkdir()
-            for name in COPIED:
-                source = ROOT / name
-                (shutil.copytree if source.is_dir() else shutil.copy2)(source, tree / name)
-        yield trees
+def copy(scratch: str, name: str) -> Path:
+    """A copy of the tree, to be changed."""
+    tree = Path(scratch) / name
+    tree.mkdir()
+    for part in COPIED:
+        source = ROOT / part
+        if source.is_dir():
+            shutil.copytree(source, tree / part, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy2(source, tree / part)
+    return tree
 
 
-def recorded(tree: Path, mutants: list[Mutant], limit_s: int) -> Record:
-    """What the tests of an unchanged tree reach."""
-    lines: dict[str, set[int]] = defaultdict(set)
-    for mutant in mutants:
-        lines[mutant.path.as_posix()] |= {*mutant.lines(ROOT)}
-    recorder = Recorder({file: frozenset(there) for file, there in lines.items()})
-    process = FORKED.Process(target=run_tests, args=(tree, ALL, recorder, limit_s))
-    process.start()
-    process.join()
-    if process.exitcode != pytest.ExitCode.OK:
-        raise RuntimeError((tree / "out").read_text(encoding="utf-8", errors="replace"))
-    record: Record = json.loads((tree / "record").read_text(encoding="utf-8"))
-    return record
+def python(tree: Path, *words: str, limit_s: float | None = None) -> subprocess.CompletedProcess:
+    """Run a module of Python in a tree, on the package of that tree."""
+    paths = os.pathsep.join([str(tree / "pipeline"), str(tree)])
+    return subprocess.run(
+        [sys.executable, "-m", *words],
+        cwd=tree,
+        env={**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=limit_s,
+    )
 
 
-def reaching(mutant: Mutant, record: Record) -> list[str]:
-    """The tests that run a mutant's line, modules of few seconds first.
-
-    Where none does, those of its module: a process that a test starts is not traced.
-    """
-    name = module_name(ROOT / mutant.path)
-    if mutant.is_constant or "nearlift.compiler" in imported(name):
-        users = [path for user, path in modules().items() if user == name or name in imported(user)]
-        reached = {path.relative_to(ROOT).as_posix() for path in users}
-    else:
-        reached = {f"{mutant.path.as_posix()}:{line}" for line in mutant.lines(ROOT)}
-    own = f"tests/{mutant.path.parent.name}/test_{mutant.path.name}::"
-    tests = [t for t, (_, ran) in record.items() if reached & {*ran}]
-    tests = tests or [t for t in record if t.startswith(own)]
-    total_s: dict[str, float] = defaultdict(float)
-    for test in tests:
-        total_s[test.split("::")[0]] += record[test][0]
-    return sorted(tests, key=lambda t: (total_s[t.split("::")[0]], t.split("::")[0], record[t][0]))
+def recorded(tree: Path) -> coverage.CoverageData:
+    """Lines that each test module runs in an unchanged tree."""
+    plugin = ["-p", "tests.mutation.contexts"]
+    done = python(tree, "coverage", "run", "--data-file=reached", "-m", *PYTEST, *plugin, *FOLDERS)
+    if done.returncode:
+        raise RuntimeError(done.stdout + done.stderr)
+    data = coverage.CoverageData(str(tree / "reached"))
+    data.read()
+    return data
 
 
-def first_failure(tree: Path, tests: list[str], limit_s: int) -> str | None:
-    """The first test that fails in a tree; empty if all pass, None if they do not end."""
-    if not tests:
-        return ""
-    options = ["-x", *ALL, *dict.fromkeys(test.split("::")[0] for test in tests)]
-    process = FORKED.Process(target=run_tests, args=(tree, options, Order(tests), limit_s))
-    process.start()
-    process.join()
-    text = (tree / "out").read_text(encoding="utf-8", errors="replace")
-    failed = [line for line in text.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    if failed:
-        return failed[0].split(" - ")[0].split(maxsplit=1)[1]
-    if process.exitcode in (-signal.SIGXCPU, -signal.SIGKILL):
+def reaching(mutant: Mutant, tree: Path, data: coverage.CoverageData) -> list[str]:
+    """Test modules that run a mutant's line, those of its own package first."""
+    by_line = data.contexts_by_lineno(str(tree / mutant.path))
+    compiled = "nearlift.compiler" in (ROOT / mutant.path).read_text(encoding="utf-8")
+    lines = by_line if mutant.is_constant or compiled else mutant.lines(ROOT)
+    modules = {context for line in lines for context in by_line.get(line, ()) if context}
+    room = f"tests/{mutant.path.relative_to('pipeline/nearlift').parts[0]}"
+    return sorted(modules, key=lambda m: (not m.startswith(f"{room}/"), m)) or [room]
+
+
+def first_failure(mutant: Mutant, tree: Path, modules: list[str]) -> str | None:
+    """The first test that fails with a mutant; empty if all pass, None if they do not end."""
+    file = tree / mutant.path
+    original = file.read_text(encoding="utf-8")
+    file.write_text(mutant.source(tree), encoding="utf-8")
+    try:
+        done = python(tree, *PYTEST, "-x", *modules, limit_s=LIMIT_S)
+    except subprocess.TimeoutExpired:
         return None
-    if "while loading conftest" in text:
-        return "import of the package"
-    if process.exitcode != pytest.ExitCode.OK:
-        raise RuntimeError(text)
-    return ""
+    finally:
+        file.write_text(original, encoding="utf-8")
+    if not done.returncode:
+        return ""
+    failed = [x for x in done.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))]
+    return failed[0].split(" - ")[0].split(maxsplit=1)[1] if failed else "import of the package"
 
 
-def run(
-    mutants: list[Mutant],
-    reached: dict[str, list[str]],
-    results: dict[str, str | None],
-    *,
-    jobs: int,
-    limit_s: int,
-) -> None:
-    """Add to `results`, by mutant, the first test that failed; empty if all passed, None if they
-    did not end. And to `reached` the tests that reach it, where it says none.
-    """
-    began = time.monotonic()
-    with copies(jobs) as copied:
-        if new := [m for m in mutants if m.key not in reached]:
-            record = recorded(copied[0], new, 10 * limit_s)
-            reached |= {m.key: reaching(m, record) for m in new}
-            save(REACHED, reached)
-            print(f"what {len(record)} tests reach: {time.monotonic() - began:.0f} s", flush=True)
+def run(mutants: list[Mutant], jobs: int) -> dict[str, str | None]:
+    """By mutant, the first test that failed; empty if all passed, None if they did not end."""
+    # what changes nothing would run all its tests
+    results: dict[str, str | None] = {m.key: "" for m in mutants if m.key in EQUIVALENT}
+    with tempfile.TemporaryDirectory(prefix="mutation-") as scratch:
         trees: SimpleQueue[Path] = SimpleQueue()
-        for tree in copied:
+        first = copy(scratch, "0")
+        data = recorded(first)
+        for tree in (first, *(copy(scratch, str(i)) for i in range(1, jobs))):
             trees.put(tree)
 
-        def one(numbered: tuple[int, Mutant]) -> None:
-            number, mutant = numbered
-            tests, tree = reached[mutant.key], trees.get()
-            file, started = tree / mutant.path, time.monotonic()
-            original = file.read_bytes()
-            try:
-                file.write_text(mutant.source(tree), encoding="utf-8")
-                # Python compiles a file again when its time, in whole seconds, is another
-                os.utime(file, (number, number))
-                failed = first_failure(tree, tests, limit_s)
-            finally:
-                file.write_bytes(original)
-                trees.put(tree)
-            results[mutant.key] = failed
-            save(KEPT, results)
+        def one(mutant: Mutant) -> None:
+            tree, modules = trees.get(), reaching(mutant, first, data)
+            results[mutant.key] = failed = first_failure(mutant, tree, modules)
+            trees.put(tree)
             fate = {"": "SURVIVED", None: "no end"}.get(failed, "killed")
-            took = f"{number}/{len(mutants)} {time.monotonic() - started:.0f} s, {len(tests)} tests"
-            print(took, fate, mutant.key, mutant.line, failed or "", flush=True)
+            print(fate, mutant.key, mutant.line, len(modules), failed or "", flush=True)
 
         with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(one, enumerate(mutants, 1)))
-    print(f"{(time.monotonic() - began) / 60:.0f} min")
-
-
-def save(file: Path, kept: Mapping[str, object]) -> None:
-    """Keep what came out, also of a run that does not get to its end."""
-    file.parent.mkdir(exist_ok=True)
-    file.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            list(pool.map(one, [m for m in mutants if m.key not in results]))
+    return results
 
 
 def page(mutants: list[Mutant], results: Mapping[str, str | None], seed: int) -> str:
@@ -187,7 +144,7 @@ def page(mutants: list[Mutant], results: Mapping[str, str | None], seed: int) ->
         "# Seeded mutants",
         "",
         "`make mutate` changes one place of the core at a time, in a copy: a comparison, an operator, a sign, a constant, a dropped term,",
-        "a number off by one. It runs the tests of `make check` that reach the changed line; for packages whose tests run stages, those of that package.",
+        "a number off by one. It runs the test modules that reach the changed line.",
         "",
         f"**{killed} of {len(mutants)} killed** (seed {seed}); {alike} more change nothing.",
         "",
@@ -200,41 +157,31 @@ def page(mutants: list[Mutant], results: Mapping[str, str | None], seed: int) ->
         lines.append(f"| {package} | {len(fates)} | {sum(fates)} |")
     lines += ["", "| place | change | why it survives |", "| --- | --- | --- |"]
     for m in mutants:
-        if not results[m.key]:
-            survives = (
-                "does not end" if results[m.key] is None else EQUIVALENT.get(m.key, "no test")
-            )
+        if not (fate := results[m.key]):
+            why = "does not end" if fate is None else EQUIVALENT.get(m.key, "no test")
             change = f"`{m.before}` to `{m.after}`".replace("|", "\\|")
             place = m.path.relative_to("pipeline/nearlift").as_posix()
-            lines.append(f"| {place} `{m.within}` | {change} | {survives} |")
+            lines.append(f"| {place} `{m.within}` | {change} | {why} |")
     return "\n".join(lines) + "\n"
 
 
-def main() -> int:
+def main() -> None:
+    """Run them, print how many were killed, and with --save write the page."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation")
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--limit", type=int, default=300, help="seconds of processor for each")
-    parser.add_argument("--again", action="store_true", help="run only what was not killed before")
+    parser.add_argument("--only", help="mutants of this package alone")
     parser.add_argument("--save", action="store_true", help=f"write {PAGE.relative_to(ROOT)}")
     given = parser.parse_args()
-    FORKED.set_forkserver_preload(list(PRELOADED))
-    mutants = drawn(ROOT, ROOMS, given.count, given.seed)
-    reached, before = (
-        json.loads(f.read_text(encoding="utf-8")) if given.again and f.exists() else {}
-        for f in (REACHED, KEPT)
-    )
-    results: dict[str, str | None] = {m.key: before[m.key] for m in mutants if before.get(m.key)}
-    # what changes nothing would run all its tests
-    results |= {m.key: "" for m in mutants if m.key in EQUIVALENT}
-    todo = [m for m in mutants if m.key not in results]
-    run(todo, reached, results, jobs=given.jobs, limit_s=given.limit)
+    places = [Path("pipeline/nearlift") / room for room in (*ROOMS, "report/number.py")]
+    mutants = drawn(ROOT, places, given.count, given.seed)
+    mutants = [m for m in mutants if not given.only or given.only in m.path.parts]
+    results = run(mutants, given.jobs)
     print(f"{sum(map(bool, results.values()))} of {len(mutants)} killed")
     if given.save:
         PAGE.write_text(page(mutants, results, given.seed), encoding="utf-8")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

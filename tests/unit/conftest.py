@@ -6,12 +6,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import json
-import os
 import shutil
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -185,60 +180,3 @@ def remake(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
         return job
 
     return again
-
-
-@pytest.fixture
-def cluster(tmp_path):
-    """A real dask scheduler with two worker processes on loopback."""
-    pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
-    file = tmp_path / "scheduler.json"
-    dask = [sys.executable, "-m", "dask"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    started = [
-        subprocess.Popen(
-            [
-                *dask,
-                "scheduler",
-                "--host",
-                "127.0.0.1",
-                "--port",
-                "0",
-                "--no-dashboard",
-                "--scheduler-file",
-                str(file),
-            ],
-            **quiet,
-        )
-    ]
-    worker = [
-        *dask,
-        "worker",
-        "--scheduler-file",
-        str(file),
-        "--no-nanny",
-        "--nthreads",
-        "1",
-        "--no-dashboard",
-    ]
-    # figures are not drawn, as in `plain_pictures`
-    (tmp_path / "plain_pictures.py").write_text(
-        "from nearlift.report.figures import files\nfrom tests.unit import small_run\nfiles.render ="
-        " small_run.undrawn\n"
-    )
-    worker += ["--preload", "plain_pictures"]
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
-    }
-    started += [
-        subprocess.Popen([*worker, "--name", name], env=environment, **quiet) for name in "ab"
-    ]
-    try:
-        deadline = time.monotonic() + 60
-        while not (file.exists() and file.stat().st_size):
-            assert time.monotonic() < deadline, "the scheduler did not start"
-            time.sleep(0.1)
-        yield json.loads(file.read_text())["address"], started[1:]
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()

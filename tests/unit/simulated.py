@@ -4,11 +4,13 @@ import dataclasses
 
 import numpy as np
 
+from nearlift import catalogue
 from nearlift.likelihood.budget import Component
-from nearlift.loop.diagnose import diagnose
-from nearlift.loop.search_problem import Options
+from nearlift.loop.diagnose import diagnose, set_up
+from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Observations
 
+GROUND = catalogue.model("sanchez_cuevas")
 RADIUS = 0.023
 STATIONS = (1.14, 1.3, 1.5, 1.8, 2.2, 2.84, 4.0, 6.0, 9.0, 11.5)
 THROTTLES = (0.25, 0.5, 0.75, 0.92)
@@ -32,16 +34,8 @@ def part(
     on: str = "height", standard: float = 2e-4, scope: str = "boundary", **more: object
 ) -> Component:
     """A stated uncertainty."""
-    return Component(
-        **{
-            "name": f"{on} by {scope}",
-            "on": on,
-            "standard": standard,
-            "distribution": "normal",
-            "scope": scope,
-        }
-        | more
-    )
+    stated = {"on": on, "standard": standard, "distribution": "normal", "scope": scope}
+    return Component(**{"name": f"{on} by {scope}"} | stated | more)
 
 
 def campaign(
@@ -96,7 +90,12 @@ def campaign(
     )
 
 
-def findings(data, base, parts=(), *, confirm=True, effects=None, **options):
+def problem(data, base=GROUND, parts=(), **options) -> SearchProblem:
+    """The search problem of these trials, with options of the search by keyword."""
+    return set_up(data, base, parts, Options(**options))[0]
+
+
+def findings(data, base=GROUND, parts=(), *, confirm=True, effects=None, **options):
     """The diagnosis as diagnosis.json holds it, with options of the search by keyword."""
     return diagnose(
         data, base, parts, Options(**options), effects=effects, confirm=confirm
