@@ -2,22 +2,19 @@
 what is claimed when.
 """
 
-import dataclasses
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import norm
-from tests.unit.simulated import campaign
+from tests.unit.simulated import GROUND, campaign, problem
 
-from nearlift import catalogue
 from nearlift.loop import structure
-from nearlift.loop.diagnose import diagnose, set_up
+from nearlift.loop.diagnose import diagnose
 from nearlift.loop.interim import INTERIM_SHARE, InterimLook, nominal_level
 from nearlift.loop.search_problem import Options
 from nearlift.observed import interim_progress
-
-GROUND = catalogue.model("sanchez_cuevas")
 
 
 # Jennison and Turnbull, Group Sequential Methods (2000), table 2.3: constants of O'Brien and
@@ -118,7 +115,7 @@ def test_far_out_the_tail_goes_on_as_that_of_the_smallest_of_many():
 @pytest.fixture(scope="module")
 def sagging():
     data = campaign(3, visits=5, gain=lambda c: (c["supply_V"] / 3.8) ** 0.15)
-    return data, set_up(data, GROUND, (), Options())[0].nothing_added[0]
+    return data, problem(data).nothing_added[0]
 
 
 def looked_at(data, trials, scheduled):
@@ -140,19 +137,15 @@ def test_the_same_trials_claim_by_how_many_are_still_to_come(sagging):
         f"a look at {data.n} of {2 * data.n} trials; claims need p < 7e-05"
     )
     early = looked_at(data, data.n, 1000 * data.n)
-    assert (
-        early.findings.content["verdict"],
-        early.findings.content["effects"],
-        early.quoted.verdict,
-    ) == (
+    content = early.findings.content
+    assert (content["verdict"], content["effects"], early.quoted.verdict) == (
         "adequate",
         [],
         "adequate",
     )
-    assert not any(line["significant"] for line in early.findings.content["structure"])
-    assert early.quoted.coefficients["K_b"].value == pytest.approx(
-        early.findings.content["coefficients"]["before"]["K_b"]["value"]
-    )
+    assert not any(line["significant"] for line in content["structure"])
+    before = content["coefficients"]["before"]["K_b"]["value"]
+    assert early.quoted.coefficients["K_b"].value == pytest.approx(before)
 
 
 def test_few_visits_pay_too():
@@ -181,7 +174,7 @@ def test_a_growing_null_claims_nothing():
 def test_heating_within_the_record_pays_too():
     data = campaign(1, visits=8)
     drift = np.random.default_rng(2).normal(1e-3, 2e-3, data.visit.max() + 1)[data.visit]
-    data = dataclasses.replace(data, covariates={**data.covariates, "drift_hat": drift})
+    data = replace(data, covariates={**data.covariates, "drift_hat": drift})
     done, early = (
         looked_at(data, data.n, n).findings.content["within_trial"] for n in (data.n, 1000 * data.n)
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -12,15 +12,14 @@ import pytest
 from tests.calibration.bench import stream
 from tests.calibration.simulator import Errors, Spec, simulate
 from tests.unit import small_run
+from tests.unit.simulated import campaign, findings, problem
 
 import nearlift
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.errors import NotConverged
 from nearlift.loop import confirmation
-from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import STEP, families
-from nearlift.loop.search_problem import Options
 from nearlift.report.chapters import verdict
 from nearlift.report.documents import methods
 from nearlift.results import Observations
@@ -56,7 +55,7 @@ def with_speed(
     """The same, the speed having moved at random while the throttle was held, and lift with it."""
     moved = np.exp(spread * stream(seed, "speed").standard_normal(data.n))
     speed = 300.0 * np.sqrt(data.throttle) * moved
-    return dataclasses.replace(
+    return replace(
         data,
         lift_N=data.lift_N * moved**exponent,
         covariates={**data.covariates, "speed_Hz": speed},
@@ -65,23 +64,21 @@ def with_speed(
 
 @pytest.mark.parametrize("boundary", BASES)
 def test_a_table_in_which_nothing_is_missing_is_adequate_and_says_what_it_could_have_seen(boundary):
-    found = diagnose(table(boundary), BASES[boundary], (), Options()).findings.content
+    found = findings(table(boundary), BASES[boundary])
     assert found["verdict"] == "adequate"
     block = found["sensitivity"]
     assert block["trials"] == 30
     assert block["effects"]
     assert {row["effect"] for row in block["limits"]} == set(block["effects"])
+    bounds = {p.name: p.bounds for e in catalogue.effects() for p in e.parameters}
     for row in block["limits"]:
-        low, high = next(
-            p for e in catalogue.effects() for p in e.parameters if p.name == row["parameter"]
-        ).bounds
+        low, high = bounds[row["parameter"]]
         assert row["size"] is None or 0 < row["size"] <= high - low
 
 
 @pytest.mark.parametrize("boundary", BASES)
 def test_rotor_speed_is_named_with_the_exponent_of_theory(boundary):
-    data = with_speed(table(boundary), 2.0)
-    found = diagnose(data, BASES[boundary], (), Options()).findings.content
+    found = findings(with_speed(table(boundary), 2.0), BASES[boundary])
     assert found["verdict"] == "effect"
     [effect] = found["effects"]
     assert effect["name"] == "rotor_speed"
@@ -94,25 +91,19 @@ def test_rotor_speed_is_named_with_the_exponent_of_theory(boundary):
 
 @pytest.mark.nightly
 def test_an_exponent_that_no_physics_has_is_refused_and_the_refusal_says_why():
-    data = with_speed(table("ground"), 7.5)
-    found = diagnose(data, BASES["ground"], (), Options()).findings.content
+    found = findings(with_speed(table("ground"), 7.5), BASES["ground"])
     assert found["verdict"] == "unexplained"
     assert found["at_bound"] == [
         "rotor_speed would explain 64 % with speed_exponent above 3: check that bound"
     ]
     assert "rotor_speed" not in {p["name"] for p in found["partial"]}
     row = next(c for c in found["rounds"][0]["candidates"] if c["name"] == "rotor_speed")
-    assert (row["accepted"], row["at_bound"], row["sizes"]) == (
-        False,
-        True,
-        {"speed_exponent": 3.0},
-    )
+    assert (row["accepted"], row["at_bound"]) == (False, True)
+    assert row["sizes"] == {"speed_exponent": 3.0}
 
 
 def test_a_speed_that_says_nothing_of_lift_is_not_named():
-    found = diagnose(
-        with_speed(table("ground"), 0.0), BASES["ground"], (), Options()
-    ).findings.content
+    found = findings(with_speed(table("ground"), 0.0), BASES["ground"])
     assert found["verdict"] == "adequate"
     assert "rotor_speed" in found["sensitivity"]["effects"]
 
@@ -120,38 +111,37 @@ def test_a_speed_that_says_nothing_of_lift_is_not_named():
 @pytest.mark.parametrize(("distances", "throttles"), [(5, 3), (5, 4), (6, 5), (9, 5)])
 def test_no_family_takes_more_than_an_eighth_of_so_few_cells(distances, throttles):
     data = table("ground", distances=distances, throttles=throttles)
-    stage, _, _ = set_up(data, BASES["ground"], (), Options())
-    carried = [f for f in families(stage.data) if f.name != STEP]
+    searched = problem(data, BASES["ground"])
+    carried = [f for f in families(searched.data) if f.name != STEP]
     assert {"distance smooth", "distance x throttle"} <= {f.name for f in carried}
     assert all(f.columns.shape[1] <= data.n / 8 for f in carried)
-    assert not stage.options.pairs
+    assert not searched.options.pairs
 
 
 def test_a_published_standard_deviation_is_a_trial_s_noise():
     data = table("ground", scatter=0.03)
-    stage, _, _ = set_up(data, BASES["ground"], (), Options())
+    searched = problem(data, BASES["ground"])
     # what is added to the published 3 % is small beside it, so that noise is known as well as it
     # was published
-    assert np.median((data.u_lift_N / data.lift_N) / stage.space.covariance.sigma) > 0.9
-    assert stage.noise.dof > 100
+    assert np.median((data.u_lift_N / data.lift_N) / searched.space.covariance.sigma) > 0.9
+    assert searched.noise.dof > 100
 
 
 def test_too_few_cells_and_cells_without_standard_deviation_are_refused():
     data = table("ground")
-    with pytest.raises(
-        NotConverged, match=r"14 usable trials are too few\n.*at least 15 trials are needed"
+    bare = np.where(np.arange(data.n) < 4, 0.0, data.u_lift_N)
+    for few, text in (
+        (data.take(np.arange(14)), r"14 usable trials are too few\n.*at least 15 trials"),
+        (replace(data, ordered=True), r"30 usable trials are too few\n.*at least 46 trials"),
+        (
+            replace(data, u_lift_N=bare),
+            r"30 .*, 4 of them without a standard deviation\n.*46 trials",
+        ),
     ):
-        set_up(data.take(np.arange(14)), BASES["ground"], (), Options())
-    with pytest.raises(
-        NotConverged, match=r"30 usable trials are too few\n.*at least 46 trials are needed"
-    ):
-        set_up(dataclasses.replace(data, ordered=True), BASES["ground"], (), Options())
-    bare = dataclasses.replace(data, u_lift_N=np.where(np.arange(data.n) < 4, 0.0, data.u_lift_N))
-    with pytest.raises(
-        NotConverged,
-        match=r"30 usable trials, 4 of them without a standard deviation\n.*at least 46 trials",
-    ):
-        set_up(bare, BASES["ground"], (), Options())
+        with pytest.raises(NotConverged, match=text):
+            problem(few, BASES["ground"])
+    with pytest.raises(NotConverged, match=r"at least 45 trials are needed, \d+ more"):
+        problem(campaign(6, visits=1).take(np.arange(20)))
 
 
 def test_where_rows_have_no_order_their_place_in_the_table_says_nothing():
@@ -160,7 +150,7 @@ def test_where_rows_have_no_order_their_place_in_the_table_says_nothing():
     assert visits(boundary, z, ordered=False).tolist() == [0, 1, 2, 0, 1, 2]
     data = table("ground")
     assert confirmation.blocks(data).tolist() == list(range(data.n))
-    assert np.array_equal(confirmation.blocks(dataclasses.replace(data, ordered=True)), data.visit)
+    assert np.array_equal(confirmation.blocks(replace(data, ordered=True)), data.visit)
 
 
 @pytest.fixture(scope="module")

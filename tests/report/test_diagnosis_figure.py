@@ -23,36 +23,39 @@ SLOPE = 0.2
 
 
 def candidate(name, log_evidence, accepted=False, left_in="supply"):
-    left = {"left_in": None if accepted else left_in}
     tried = {"name": name, "gain": 100.0, "p_value": 0.5, "accepted": accepted}
-    return {**tried, "log_evidence": log_evidence, **left}
+    return {**tried, "log_evidence": log_evidence, "left_in": None if accepted else left_in}
 
 
-def error(before, after, floor=0.004):
-    each = {
-        when: {"held_out_rmse": v, "lo90": 0.9 * v, "hi90": 1.1 * v}
-        for when, v in (("before", before), ("after", after))
-    }
-    about = {"unit": "fraction of lift", "noise_floor": floor}
-    return {**about, **each, "chosen_in_folds": ["supply_sag"] * 3}
+def around(value, share, higher=None):
+    """A value and its 90 % interval, in shares of it."""
+    return {"value": value, "lo90": (1 - share) * value, "hi90": (1 + (higher or share)) * value}
 
 
-def coefficient(name, value, after=None):
-    before = {"value": value, "lo90": 0.95 * value, "hi90": 1.05 * value}
-    moved = value if after is None else after
-    ends = {"conditional": [0.96 * moved, 1.04 * moved], "constrained": [0.5 * moved, 1.6 * moved]}
-    ends |= {"value": moved, "lo90": 0.94 * moved, "hi90": 1.08 * moved}
-    return {"before": {name: before}, "after": {name: ends}}
-
-
-def found_at(model, verdict, p_value, covariate, errors, coefficients, candidates=(), **more):
+def block(model, verdict, covariate, errors, name, before, after=None, candidates=(), **more):
     """Findings of one boundary: structure along `covariate`, one round of candidates."""
-    p = 1e-30 if verdict != "adequate" else 0.01
-    structure = [{"covariate": covariate, "p_value": p, "significant": p < 1e-3}]
-    rounds = [{"candidates": [*candidates], "decision": "d", "reason": "r"}]
-    block = {"base_model": model, "verdict": verdict, "p_value": p_value, "effects": []}
-    block |= {"structure": structure, "rounds": rounds, "error": error(*errors)}
-    return block | {"coefficients": coefficients} | more
+    p, after = 1e-30 if verdict != "adequate" else 0.01, after or before
+    rmse = [{"held_out_rmse": e["value"], **e} for e in (around(v, 0.1) for v in errors)]
+    folds = {
+        "unit": "fraction of lift",
+        "noise_floor": 0.004,
+        "chosen_in_folds": ["supply_sag"] * 3,
+    }
+    ends = {"conditional": [0.96 * after, 1.04 * after], "constrained": [0.5 * after, 1.6 * after]}
+    return {
+        "base_model": model,
+        "verdict": verdict,
+        "p_value": 0.43 if verdict == "adequate" else 1 / 1501,
+        "effects": [],
+        "structure": [{"covariate": covariate, "p_value": p, "significant": p < 1e-3}],
+        "rounds": [{"candidates": [*candidates], "decision": "d", "reason": "r"}],
+        "error": {**folds, "before": rmse[0], "after": rmse[1]},
+        "coefficients": {
+            "before": {name: around(before, 0.05)},
+            "after": {name: around(after, 0.06, 0.08) | ends},
+        },
+        **more,
+    }
 
 
 SAG = {
@@ -61,44 +64,37 @@ SAG = {
     "mechanism": "voltage",
     "parameters": {"sag_exponent": {"value": 2.0, "lo90": 1.9, "hi90": 2.1}},
 }
-FOUND = {
-    "ground": found_at(
-        "sanchez_cuevas",
-        "effect",
-        1 / 1501,
-        "supply",
-        (0.02, 0.0045),
-        coefficient("K_b", 1.6, 1.95),
-        [
-            candidate("gain_drift", -60.0),
-            candidate("warm_up", -14.5, accepted=True),
-            candidate("supply_sag", -12.0, accepted=True),
-            candidate("session_gain", -20.0, accepted=True),
-            candidate("reynolds", -900.0, left_in=None),
-        ],
-        effects=[SAG],
-        explanations=[["supply_sag"], ["warm_up"]],
-    ),
-    "ceiling": found_at(
-        "hsiao_chirarattananon",
-        "adequate",
-        0.43,
-        "throttle",
-        (0.0041, 0.0041),
-        coefficient("alpha", 0.12),
-    ),
-    "sidewall": found_at(
-        "sidewall_decay",
-        "unexplained",
-        1 / 1501,
-        "start",
-        (0.01, 0.01),
-        coefficient("a", 0.05),
-        [candidate("gain_drift", -60.0, left_in="start")],
-        partial=[{"name": "gain_drift", "share": 0.2}],
-    ),
-}
-FOUND["sidewall"]["coefficients"]["before"]["lambda_"] = {"value": 0.35, "lo90": 0.3, "hi90": 0.4}
+GROUND = block(
+    "sanchez_cuevas",
+    "effect",
+    "supply",
+    (0.02, 0.0045),
+    "K_b",
+    1.6,
+    1.95,
+    [
+        candidate("gain_drift", -60.0),
+        candidate("warm_up", -14.5, accepted=True),
+        candidate("supply_sag", -12.0, accepted=True),
+        candidate("session_gain", -20.0, accepted=True),
+        candidate("reynolds", -900.0, left_in=None),
+    ],
+    effects=[SAG],
+    explanations=[["supply_sag"], ["warm_up"]],
+)
+CEILING = block("hsiao_chirarattananon", "adequate", "throttle", (0.0041, 0.0041), "alpha", 0.12)
+SIDEWALL = block(
+    "sidewall_decay",
+    "unexplained",
+    "start",
+    (0.01, 0.01),
+    "a",
+    0.05,
+    candidates=[candidate("gain_drift", -60.0, left_in="start")],
+    partial=[{"name": "gain_drift", "share": 0.2}],
+)
+SIDEWALL["coefficients"]["before"]["lambda_"] = {"value": 0.35, "lo90": 0.3, "hi90": 0.4}
+FOUND = {"ground": GROUND, "ceiling": CEILING, "sidewall": SIDEWALL}
 
 
 def diagnosed(job, found):
@@ -144,15 +140,17 @@ def table(evidence):
 
 
 @pytest.fixture(scope="module")
-def one_boundary(make_job):
-    found = {"ground": FOUND["ground"]}
-    return gather(diagnosed(make_job(boundaries=("ground",)), found)), found
+def ground(make_job):
+    """Evidence of the ground alone."""
+    return gather(diagnosed(make_job(boundaries=("ground",)), {"ground": GROUND}))
 
 
-def edited(make_job, change, boundaries=("ground",)):
-    found = {b: copy.deepcopy(FOUND[b]) for b in boundaries}
-    change(found)
-    evidence = gather(diagnosed(make_job(boundaries=boundaries), found))
+def edited(ground, change):
+    """Evidence and table of the ground with changed findings."""
+    own = copy.deepcopy(GROUND)
+    change(own)
+    known = {**ground.documents, DIAGNOSIS.file: quoted.diagnosis({"ground": own})}
+    evidence = replace(ground, documents=known)
     return evidence, loop.table(evidence)
 
 
@@ -169,32 +167,39 @@ def panels(figure):
     return {letter: ax for letter, ax in titled.items() if letter}
 
 
-def test_panels_have_a_letter_each_in_reading_order(table):
+def rows(table, *columns):
+    return [*table[[*columns]].itertuples(index=False, name=None)]
+
+
+def test_panels_have_a_letter_each_in_reading_order_and_do_not_overlap(table):
     """An adequate boundary has one residual and no candidates."""
     assert [x for x in table["letter"].unique() if x] == list("abcdefghijkl")
-    titles = [ax.get_title(loc="left") for ax in panels(drawn(table)).values()]
+    figure = drawn(table)
+    titles = [ax.get_title(loc="left")[3:] for ax in panels(figure).values()]
     assert titles == [
-        "a) residual before",
-        "b) residual after",
-        "c) candidates",
-        "d) held-out error",
-        "e) coefficient",
-        "f) residual",
-        "g) held-out error",
-        "h) coefficient",
-        "i) residual",
-        "j) candidates, all rejected",
-        "k) held-out error",
-        "l) coefficient",
+        *("residual before", "residual after", "candidates", "held-out error", "coefficient"),
+        *("residual", "held-out error", "coefficient"),
+        *("residual", "candidates, all rejected", "held-out error", "coefficient"),
     ]
+    assert figure.get_figwidth() == pytest.approx(style.DOUBLE_IN)
+    assert figure.get_figheight() <= style.PAGE_IN
+    width, height = figure.get_size_inches() * figure.dpi
+    for ax in figure.axes:
+        box = ax.get_tightbbox()
+        assert min(box.x0, box.y0) > -1
+        assert box.x1 < width + 1
+        assert box.y1 < height + 1
+    boxes = [ax.get_window_extent() for ax in figure.axes]
+    for i, one in enumerate(boxes):
+        assert not any(one.overlaps(other) for other in boxes[i + 1 :])
 
 
 def test_before_shows_the_slope_and_after_does_not_on_the_same_bins_and_axes(table):
-    of = {w: pick(table, panel="ground", kind="bin", when=w) for w in ("before", "after")}
-    for when, slope in (("before", 100 * SLOPE), ("after", 0.0)):
-        assert np.polyfit(of[when]["x"], of[when]["value"], 1)[0] == pytest.approx(slope, abs=2.0)
-        assert set(of[when]["covariate"]) == {"supply_V"}
-    np.testing.assert_array_equal(of["before"]["x"], of["after"]["x"])
+    before, after = (pick(table, panel="ground", kind="bin", when=w) for w in ("before", "after"))
+    for bins, slope in ((before, 100 * SLOPE), (after, 0.0)):
+        assert np.polyfit(bins["x"], bins["value"], 1)[0] == pytest.approx(slope, abs=2.0)
+        assert set(bins["covariate"]) == {"supply_V"}
+    np.testing.assert_array_equal(before["x"], after["x"])
     axes = panels(drawn(table))
     assert axes["a"].get_ylim() == axes["b"].get_ylim()
 
@@ -224,12 +229,14 @@ def test_no_trial_is_lost_beyond_the_axis(table):
 
 
 def test_throttle_is_shown_along_distance_a_series_each(table):
-    bins = pick(table, panel="ceiling", kind="bin")
+    bins, series = pick(table, panel="ceiling", kind="bin"), ["25 %", "50 %", "75 %", "92 %"]
     assert set(bins["covariate"]) == {"z_hat"}
-    assert list(bins["series"].unique()) == ["25 %", "50 %", "75 %", "92 %"]
+    assert list(bins["series"].unique()) == series
     legend = panels(drawn(table))["f"].get_legend()
-    assert [t.get_text() for t in legend.get_texts()] == ["25 %", "50 %", "75 %", "92 %"]
-    assert legend.get_title().get_text() == "throttle"
+    assert [t.get_text() for t in (legend.get_title(), *legend.get_texts())] == [
+        "throttle",
+        *series,
+    ]
 
 
 def test_bins_in_run_order_are_fine_enough_for_a_wave(table):
@@ -242,7 +249,7 @@ def test_bins_in_run_order_are_fine_enough_for_a_wave(table):
 
 def test_candidates_are_ranked_by_evidence_with_what_they_leave(table):
     own = pick(table, panel="ground", part="candidate")
-    assert list(own[["label", "kind", "value", "note"]].itertuples(index=False, name=None)) == [
+    assert rows(own, "label", "kind", "value", "note") == [
         ("supply_sag", "named", 0.0, "named"),
         ("warm_up", "rival", 5.0, "rival"),
         ("session_gain", "worse", 16.0, "accepted"),
@@ -258,47 +265,39 @@ def test_candidates_are_ranked_by_evidence_with_what_they_leave(table):
     assert [t.get_text() for t in outcomes.get_yticklabels()] == list(own["note"])
 
 
-def test_a_pair_of_effects_is_a_rival_of_the_named_one(make_job):
-    def pair(found):
-        own = found["ground"]
+def test_a_pair_of_effects_is_a_rival_of_the_named_one(ground):
+    def pair(own):
         own["effects"][0]["rivals"] = ["warm_up", "tilt"]
         own["explanations"] = [["supply_sag"], ["warm_up"], ["supply_sag", "tilt"]]
         both = candidate("supply_sag + tilt", -10.0, accepted=True)
         own["rounds"].append({**own["rounds"][0], "candidates": [both]})
         own["probabilities"] = [{"effects": ["supply_sag", "tilt"], "probability": 0.21}]
 
-    _, table = edited(make_job, pair)
-    own = pick(table, part="candidate").set_index("label")
-    assert own["note"]["supply_sag + tilt"] == "rival, 21 %"
-    assert own["kind"]["supply_sag + tilt"] == "rival"
+    _, table = edited(ground, pair)
+    own = pick(table, part="candidate", label="supply_sag + tilt")
+    assert rows(own, "kind", "note") == [("rival", "rival, 21 %")]
     headline = pick(table, part="verdict")["label"].iloc[0]
     assert headline == "supply_sag (or warm_up, supply_sag + tilt)"
 
 
-def test_a_single_effect_is_shown_with_pairs(make_job):
-    def pairs(found):
-        own = found["ground"]
+def test_a_single_effect_is_shown_with_pairs(ground):
+    def pairs(own):
         listed = [candidate(f"supply_sag + e{i}", -10.0 - i, accepted=True) for i in range(9)]
-        own["rounds"] = [
-            {**own["rounds"][0], "candidates": [candidate("gain_drift", -70.0)]},
-            {**own["rounds"][0], "candidates": listed},
-        ]
+        rounds = ([candidate("gain_drift", -70.0)], listed)
+        own["rounds"] = [{**own["rounds"][0], "candidates": c} for c in rounds]
 
-    _, table = edited(make_job, pairs)
+    _, table = edited(ground, pairs)
     shown = pick(table, part="candidate")["label"].tolist()
     assert len(shown) == loop.CANDIDATES
     assert shown[-1] == "gain_drift"
 
 
 def test_errors_have_their_interval_and_the_floor(table):
-    own = pick(table, panel="ground", part="error")
-    values = own.set_index(["kind", "when"])["value"].to_dict()
-    assert values == {
-        ("floor", ""): pytest.approx(0.4),
-        ("rmse", "before"): pytest.approx(2.0),
-        ("rmse", "after"): pytest.approx(0.45),
-    }
-    assert pick(own, when="before")["lo90"].tolist() == pytest.approx([1.8])
+    own = pick(table, panel="ground", part="error").set_index(["kind", "when"])
+    assert own["value"].to_dict() == pytest.approx(
+        {("floor", ""): 0.4, ("rmse", "before"): 2.0, ("rmse", "after"): 0.45}
+    )
+    assert own["lo90"]["rmse", "before"] == pytest.approx(1.8)
     ax = panels(drawn(table))["d"]
     assert {"2.00", "0.450", "0.400"} <= {t.get_text() for t in ax.texts}
     assert ax.get_ylim()[0] == 0
@@ -306,17 +305,16 @@ def test_errors_have_their_interval_and_the_floor(table):
 
 def test_coefficient_intervals_are_the_products_and_drawn_whole(table):
     own = pick(table, panel="ground", part="coefficient")
-    own = own[own["kind"] != "reference"]
-    after = FOUND["ground"]["coefficients"]["after"]["K_b"]
-    before = FOUND["ground"]["coefficients"]["before"]["K_b"]
-    assert list(own[["note", "lo90", "hi90"]].itertuples(index=False, name=None)) == [
+    before, after = (GROUND["coefficients"][when]["K_b"] for when in ("before", "after"))
+    assert rows(own[own["kind"] != "reference"], "note", "lo90", "hi90") == [
         ("", after["lo90"], after["hi90"]),
         ("supply_sag alone, exactly in its stated form", *after["conditional"]),
         ("base model without any effect", before["lo90"], before["hi90"]),
         ("every undetected effect at its plausible size", *after["constrained"]),
     ]
-    reference = pick(table, panel="ceiling", kind="reference")
-    assert (reference["value"].tolist(), reference["note"].tolist()) == ([0.125], ["theory"])
+    assert rows(pick(table, panel="ceiling", kind="reference"), "value", "note") == [
+        (0.125, "theory")
+    ]
     wide = table.copy()
     last = wide.index[(wide["panel"] == "ground") & (wide["kind"] == "doubt")][-1]
     wide.loc[last, ["lo90", "hi90"]] = -40.0, 60.0
@@ -326,11 +324,9 @@ def test_coefficient_intervals_are_the_products_and_drawn_whole(table):
     assert {"$a$", r"$\lambda$"} <= {ax.get_xlabel() for ax in figure.axes}
 
 
-def test_after_two_effects_the_covariate_of_the_other_is_shown_too(make_job):
-    def second(found):
-        found["ground"]["effects"].append({"name": "gain_drift", "rivals": [], "parameters": {}})
-
-    evidence, table = edited(make_job, second)
+def test_after_two_effects_the_covariate_of_the_other_is_shown_too(ground):
+    drift = {"name": "gain_drift", "rivals": [], "parameters": {}}
+    evidence, table = edited(ground, lambda own: own["effects"].append(drift))
     residuals = pick(table, part="residual")
     assert list(residuals["covariate"].unique()) == ["supply_V", "run_order"]
     titles = [ax.get_title(loc="left")[3:] for ax in drawn(table).axes[:4]]
@@ -338,22 +334,19 @@ def test_after_two_effects_the_covariate_of_the_other_is_shown_too(make_job):
     assert "Relative residuals (a, b, c, d)" in loop.caption(evidence, table)
 
 
-def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
-    def least(found):
-        own = found["ground"]
+def test_minimal_findings_are_drawn_without_what_they_lack(ground):
+    def least(own):
         tried = {"name": "supply_sag", "gain": 3.0, "p_value": 0.1}
         own["rounds"] = [{"candidates": [tried], "decision": "d", "reason": "r"}]
         for key in ("error", "coefficients", "p_value"):
             del own[key]
 
-    def without_interval(found):
-        found["ground"]["error"]["after"] |= {"lo90": None, "hi90": None}
-
-    _, table = edited(make_job, least)
+    _, table = edited(ground, least)
     # what is quoted is known whatever the findings lack
     assert set(table["part"]) == {"verdict", "residual", "coefficient"}
     assert sorted(panels(drawn(table))) == ["a", "b", "c"]
-    _, table = edited(make_job, without_interval)
+    none = {"lo90": None, "hi90": None}
+    _, table = edited(ground, lambda own: own["error"]["after"].update(none))
     assert pick(table, kind="rmse", when="after")["lo90"].isna().all()
     drawn(table)
 
@@ -367,31 +360,13 @@ def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
         ("rig_$_colour", "run_order"),
     ],
 )
-def test_every_word_of_the_findings_can_be_drawn(one_boundary, word, column):
-    evidence, found = one_boundary
-    found = copy.deepcopy(found)
-    found["ground"]["structure"] = [{"covariate": word, "p_value": 1e-9, "significant": True}]
-    known = {**evidence.documents, DIAGNOSIS.file: quoted.diagnosis(found)}
-    table = loop.table(replace(evidence, documents=known))
+def test_every_word_of_the_findings_can_be_drawn(ground, word, column):
+    structure = [{"covariate": word, "p_value": 1e-9, "significant": True}]
+    _, table = edited(ground, lambda own: own.update(structure=structure))
     cloud = pick(table, kind="trial", when="before")
     assert len(cloud) > 100
     assert set(cloud["covariate"]) == {column}
     assert drawn(table).axes[0].get_xlabel()
-
-
-def test_the_figure_keeps_its_width_and_page_and_axes_do_not_overlap(table):
-    figure = drawn(table)
-    assert figure.get_figwidth() == pytest.approx(style.DOUBLE_IN)
-    assert figure.get_figheight() <= style.PAGE_IN
-    width, height = figure.get_size_inches() * figure.dpi
-    for ax in figure.axes:
-        box = ax.get_tightbbox()
-        assert min(box.x0, box.y0) > -1
-        assert box.x1 < width + 1
-        assert box.y1 < height + 1
-    boxes = [ax.get_window_extent() for ax in figure.axes]
-    for i, one in enumerate(boxes):
-        assert not any(one.overlaps(other) for other in boxes[i + 1 :])
 
 
 def test_the_caption_agrees_with_the_picture(evidence, table):

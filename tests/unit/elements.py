@@ -4,32 +4,36 @@ from __future__ import annotations
 
 from html.parser import HTMLParser
 
+VOID = {"meta", "link", "img", "br", "input", "path"}
+
 
 class Elements(HTMLParser):
-    """Tags with their attributes; numbers with the attributes that name their source."""
+    """Tags in order, each with its attributes and its ancestors' tags; numbers with the attributes
+    that name their source. Every element must be closed where it was opened.
+    """
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.found: list[tuple[str, dict[str, str | None], tuple[str, ...]]] = []
         self.numbers: list[tuple[dict[str, str | None], str]] = []
-        self.inside: dict[str, str | None] | None = None
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
-        self.found.append((tag, dict(attrs)))
-        if tag == "data":
-            self.inside = dict(attrs)
+        self.found.append((tag, dict(attrs), tuple(self.open)))
+        if tag not in VOID:
+            self.open.append(tag)
 
     def handle_endtag(self, tag):
-        if tag == "data":
-            self.inside = None
+        if tag not in VOID:
+            assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if self.inside is not None:
-            self.numbers.append((self.inside, data))
+        if self.open and self.open[-1] == "data":
+            self.numbers.append((self.found[-1][1], data))
 
     def every(self, tag):
-        return [attributes for name, attributes in self.found if name == tag]
+        return [attributes for name, attributes, _ in self.found if name == tag]
 
 
 def follow(content, pointer):
