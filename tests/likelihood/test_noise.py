@@ -434,19 +434,3 @@ def test_squares_and_slopes_of_the_determinant_are_those_of_a_dense_covariance(n
     x = rng.normal(size=(n, 5))
     expected = [np.trace(x.T @ shared(amplitude, k) @ x) for k in range(3)]
     assert semiseparable.squares(amplitude, memory, x) == pytest.approx(expected, rel=1e-10)
-
-
-def test_kernels_give_the_same_before_and_after_numba_is_loaded():
-    rng = np.random.default_rng(2)
-    amplitude, memory = rng.uniform(0.1, 1, (60, 3)), rng.uniform(0, 1, (60, 3))
-    memory[rng.random((60, 3)) < 0.3] = 0
-    arrays, x, variance = (amplitude, memory), rng.normal(size=(60, 4)), np.ones(60)
-    # this loads it
-    semiseparable.squares(*arrays, x)
-    factored = semiseparable.factor(variance, *arrays)
-    np.testing.assert_equal(semiseparable._factor(variance, *arrays), factored)
-    for name in ("forward", "backward"):
-        interpreted = getattr(semiseparable, f"_{name}")(*factored, *arrays, x)
-        np.testing.assert_array_equal(
-            interpreted, getattr(semiseparable, name)(*factored, *arrays, x)
-        )

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from nearlift.results import IntArray
 #: A campaign of exact numbers still needs a positive variance of log lift. Ours: one part in a
 #: million, below the resolution of any load cell.
 LEAST_VARIANCE = 1e-12
+#: Number of trials of a visit above which a block of it costs more than the recursion.
+MAX_BLOCK = 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,17 +94,44 @@ class Covariance:
         )
         return d, w, amplitude, memory
 
+    @cached_property
+    def _sparse(self) -> Any:
+        """Whitener of all but the shared unknowns, trials in `order`, of visits that are small and
+        share no drift; else None.
+
+        It equals that of `_factor`, and needs no compiled code.
+        """
+        from scipy.sparse import csr_array
+
+        blocks = visits_by_size(self.visit[self.order])
+        if np.any(self.drift) or blocks[-1].shape[1] > MAX_BLOCK:
+            return None
+        values, rows, columns = [], [], []
+        for block in blocks:
+            i, j = np.tril_indices(block.shape[1])
+            height, variance = (x[self.order][block] for x in (self.per_visit, self.variance))
+            covariance = height[:, :, None] * height[:, None] + self.common**2
+            covariance += variance[:, None] * np.eye(block.shape[1])
+            values.append(np.linalg.inv(np.linalg.cholesky(covariance))[:, i, j].ravel())
+            rows.append(block[:, i].ravel())
+            columns.append(block[:, j].ravel())
+        place = np.concatenate(rows), np.concatenate(columns)
+        return csr_array((np.concatenate(values), place), shape=2 * self.variance.shape)
+
     def whiten_own(self, x: FloatArray, transposed: bool = False) -> FloatArray:
         """The whitener of all but the shared unknowns, or its transpose, along the last axis of x
         (..., n); trials in `order` once whitened.
         """
         x = np.broadcast_to(x, np.broadcast_shapes(x.shape, self.variance.shape))
-        rows = x.reshape(math.prod(x.shape[:-1]), x.shape[-1]).T
-        if transposed:
-            solved = np.empty_like(rows, order="C")
-            solved[self.order] = semiseparable.backward(*self._factor, np.ascontiguousarray(rows))
+        columns = x.reshape(math.prod(x.shape[:-1]), x.shape[-1]).T
+        columns = np.ascontiguousarray(columns if transposed else columns[self.order])
+        if self._sparse is not None:
+            solved = (self._sparse.T if transposed else self._sparse) @ columns
         else:
-            solved = semiseparable.forward(*self._factor, np.ascontiguousarray(rows[self.order]))
+            solve = semiseparable.backward if transposed else semiseparable.forward
+            solved = solve(*self._factor, columns)
+        if transposed:
+            solved = solved[np.argsort(self.order)]
         return np.asarray(solved.T.reshape(x.shape), dtype=np.float64)
 
     def solve_own(self, x: FloatArray) -> FloatArray:
@@ -168,7 +198,8 @@ class Covariance:
     @cached_property
     def log_det(self) -> float:
         """Logarithm of the determinant."""
-        total = float(np.log(self._factor[0]).sum())
+        conditional = self._factor[0] if self._sparse is None else self._sparse.diagonal() ** -2.0
+        total = float(np.log(conditional).sum())
         if self.shared.shape[1]:
             total += float(np.log1p(self._shared_part[1]).sum())
         return total

@@ -13,15 +13,9 @@ right-hand sides (n, m).
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
-
-#: Elements (trials times processes times columns) that Python works on before numba is loaded. An
-#: element takes 0.7 us, loading 0.4 s.
-INTERPRETED = 200_000
-_interpreted = 0
 
 
 def _factor(variance: Any, amplitude: Any, memory: Any) -> Any:
@@ -253,24 +247,9 @@ def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> An
 
 
 def __getattr__(name: str) -> Any:
-    """Compiled version of a function above, by its name without the underscore.
-
-    It is compiled on demand: reading results needs no numba. `factor`, `forward` and `backward` run
-    as Python, with the same result, while that takes less time than numba's import.
-    """
-    kernels = ("factor", "forward", "backward", "product", "squares", "log_det_slopes")
-    if name not in (*kernels, "near_inverse"):
+    """Compiled version of a function above, by its name without the underscore, made on demand."""
+    if (plain := globals().get(f"_{name}")) is None:
         raise AttributeError(name)
-    plain = globals()[f"_{name}"]
+    from nearlift.compiler import compiled
 
-    def load() -> Any:
-        from nearlift.compiler import compiled
-
-        return globals().setdefault(name, compiled(plain))
-
-    def begin(*arrays: Any) -> Any:
-        global _interpreted
-        _interpreted += arrays[-2].size * arrays[-1].shape[1]
-        return (plain if _interpreted < INTERPRETED else load())(*arrays)
-
-    return begin if name in kernels[:3] and "numba" not in sys.modules else load()
+    return globals().setdefault(name, compiled(plain))
