@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import shutil
 import tomllib
 import unicodedata
@@ -15,7 +16,6 @@ from tests.unit import small_run, sweeps, written
 from tests.unit.small_run import nearlift
 
 from nearlift.campaign import manifest as manifests
-from nearlift.onboarding.new import trial_of
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
 
@@ -123,14 +123,9 @@ def test_a_list_names_records_in_any_case_and_form_and_their_throttle_makes_no_s
     assert lines[0].startswith("trial,record,distance,throttle")
     wanted = [unicodedata.normalize("NFD", f"höhe {i}") for i in (1, 2, 3)]
     assert [line.partition(",")[0] for line in lines[1:]] == wanted
-
-
-def test_a_record_that_the_list_lacks_is_named(tmp_path):
-    folder = listed(tmp_path / "rig", "höhe 1,20,50", "höhe 3,40,50")
-    refused = nearlift("new", tmp_path / "c", "--from", folder)
-    assert refused.exit_code == 4
+    refused = nearlift("new", tmp_path / "d", "--from", listed(tmp_path / "rig", rows[0], rows[2]))
     plain = unicodedata.normalize("NFC", refused.stderr)
-    assert "lists 2 of 3 records, and not höhe 2\n  add a row" in plain
+    assert (refused.exit_code, "lists 2 of 3 records, and not höhe 2\n" in plain) == (4, True)
 
 
 def test_a_schedule_in_the_folder_serves_its_records_and_is_no_record(recorded, tmp_path):
@@ -156,10 +151,6 @@ def test_one_long_table_of_parquet_makes_a_campaign(tmp_path):
     both = [tmp_path / "c" / "records.parquet", tmp_path / "new" / "records.parquet"]
     refused = nearlift("new", tmp_path / "other", "--from", *both)
     assert (refused.exit_code, "names 2 tables" in refused.stderr) == (2, True)
-
-
-def test_compressed_records_keep_both_endings_out_of_the_trials_name():
-    assert [trial_of(name) for name in ("a.csv", "a.1.txt.gz", "a")] == ["a", "a.1", "a"]
 
 
 def test_records_alone_give_a_manifest_with_the_rest_to_fill_in(tmp_path):
@@ -193,18 +184,14 @@ def test_records_alone_give_a_manifest_with_the_rest_to_fill_in(tmp_path):
     assert (again.exit_code, "is there already" in again.stderr) == (2, True)
 
 
-def test_files_in_the_folder_stay_where_they_are(tmp_path):
-    paths = [written.put(tmp_path, f"c/data/{i}.csv", written.rcbenchmark(FORCE)) for i in range(2)]
-    manifest, _, _ = new(tmp_path / "c", *paths)
-    assert manifest["records"]["files"] == "data/{trial}.csv"
+def test_files_in_the_folder_stay_and_both_endings_are_no_part_of_a_trials_name(tmp_path):
+    for i in range(2):
+        content = gzip.compress(written.rcbenchmark(FORCE))
+        written.put(tmp_path, f"c/data/r.{i}.csv.gz", content)
+    manifest, rows, _ = new(tmp_path / "c", tmp_path / "c" / "data")
+    assert manifest["records"]["files"] == "data/{trial}.csv.gz"
+    assert [row.partition(",")[0] for row in rows[1:]] == ["r.0", "r.1"]
     assert not (tmp_path / "c" / "trials").exists()
-
-
-def test_new_without_files_asks_how_well_radius_and_spacing_are_known(tmp_path):
-    made = nearlift("new", tmp_path / "0")
-    assert "[[uncertainty]] of rotor radius and rotor spacing" in made.stdout
-    text = (tmp_path / "0" / "campaign.toml").read_text()
-    assert all(f'# on    = "{on}"' in text for on in ("rotor_radius", "rotor_spacing"))
 
 
 @pytest.mark.parametrize("listed", [False, True])

@@ -48,20 +48,17 @@ def test_a_staircase_of_short_levels_is_cut_as_a_ramp(
 
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 4.0])
 def test_proposed_cuts_keep_the_levels(tmp_path: Path, seconds: float) -> None:
+    """Without a clock nothing is given in seconds: it could not be tried."""
     throttle = np.repeat([0.0, 30, 45, 60, 75, 0], round(seconds * 100))
     force = 0.02 * throttle**1.8 + np.random.default_rng(4).normal(0, 0.3, len(throttle))
-    columns = {"t_s": np.arange(len(throttle)) / 100, "throttle (%)": throttle, "thrust_g": force}
-    cut = validated(Segments, proposed(tmp_path / "s.csv", **columns)["segments"], "it")
+    columns = {"throttle (%)": throttle, "thrust_g": force}
+    clock = {"t_s": np.arange(len(throttle)) / 100}
+    cut = validated(Segments, proposed(tmp_path / "s.csv", **clock, **columns)["segments"], "it")
     assert cut.column == "throttle (%)"
     assert cut.settle + cut.shortest < seconds
-
-
-def test_without_a_rate_nothing_is_given_in_seconds_that_was_not_tried(tmp_path: Path) -> None:
-    throttle = np.repeat([0.0, 30, 60, 80, 0], 300)
-    force = 0.02 * throttle**1.8 + np.random.default_rng(5).normal(0, 0.3, len(throttle))
-    tables = proposed(tmp_path / "s.csv", throttle_pct=throttle, thrust_g=force)
-    assert tables["segments"]["settle"] == "FILL IN s"
-    assert "levels last 300 samples" in nearlift("inspect", tmp_path / "s.csv").stdout
+    assert proposed(tmp_path / "s.csv", **columns)["segments"]["settle"] == "FILL IN s"
+    levels = f"levels last {100 * seconds:.0f} samples"
+    assert levels in nearlift("inspect", tmp_path / "s.csv").stdout
 
 
 def test_names_proposed_for_numbers_without_names_are_read_by_the_same_reader(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit import small_run, sweeps
+from tests.unit import small_run, sweeps, written
 from tests.unit.small_run import nearlift
 
 from nearlift.onboarding.inspection import inspect
@@ -35,9 +35,8 @@ def held(rng: np.random.Generator, lift_N: float = 0.4) -> dict[str, np.ndarray]
 
 def campaign(folder: Path, records: dict[str, dict[str, np.ndarray]]) -> Path:
     """Records as one trial each."""
-    (folder / "runs").mkdir(parents=True)
     for name, columns in records.items():
-        (folder / "runs" / f"{name}.csv").write_text(sweeps.text_of(columns))
+        written.put(folder, f"runs/{name}.csv", sweeps.text_of(columns).encode())
     rows = "".join(f"{name},ground,{20 + 9 * k},50\n" for k, name in enumerate(records))
     (folder / "trials.csv").write_text("trial,boundary,distance,throttle\n" + rows)
     (folder / "campaign.toml").write_text(
@@ -80,34 +79,36 @@ def test_what_moves_and_what_does_not() -> None:
         assert is_sweep(1 + step * (n // 700) + rng.normal(0, 0.01, 2000)) == sweeps_them
 
 
-@pytest.mark.parametrize("name", ["steps", "ramp"])
-def test_inspect_tells_a_sweep_and_prints_lines_that_cut_it(tmp_path: Path, name: str) -> None:
-    make = sweeps.sweep if name == "steps" else ramp
+@pytest.mark.parametrize(
+    ("kind", "cut"),
+    [
+        ("steps", {"column": "throttle", "unit": "percent"}),
+        ("ramp", {"cut": "windows"}),
+        ("steps of no command", {"cut": "plateaus"}),
+    ],
+)
+def test_inspect_tells_a_sweep_and_prints_lines_that_cut_it(
+    tmp_path: Path, kind: str, cut: dict[str, str]
+) -> None:
+    make = ramp if kind == "ramp" else sweeps.sweep
+    columns = make(2.0, np.random.default_rng(2))
+    if kind == "steps of no command":
+        del columns["throttle"]
     path = tmp_path / "r0.csv"
-    path.write_text(sweeps.text_of(make(2.0, np.random.default_rng(2))))
-    answer = nearlift("inspect", path)
-    assert answer.exit_code == 0
-    assert "takes many lifts, along 'throttle'" in answer.stdout
-    assert "nearlift inspect --cuts CAMPAIGN" in answer.stdout
-    block = tomllib.loads(answer.stdout.split("\n\n", 1)[1])
+    path.write_text(sweeps.text_of(columns))
+    answer = nearlift("inspect", path).stdout
+    assert ("takes many lifts, along 'throttle'" in answer) == ("throttle" in columns)
+    assert ("5 levels that hold" in answer) == (kind == "steps")
+    assert "nearlift inspect --cuts CAMPAIGN" in answer
+    block = tomllib.loads(answer.split("\n\n", 1)[1])
     assert block["records"]["files"] == "{record}.csv"
-    cut = block["segments"]
-    if name == "steps":
-        assert "5 levels that hold" in answer.stdout
-        assert (cut["column"], cut["unit"]) == ("throttle", "percent")
-    else:
-        assert cut["cut"] == "windows"
-        assert cut["columns"]["throttle"] == {"column": "throttle", "unit": "percent"}
+    assert cut.items() <= block["segments"].items()
+    if kind == "ramp":
+        throttle = {"column": "throttle", "unit": "percent"}
+        assert block["segments"]["columns"]["throttle"] == throttle
         assert block["levels"] == {"by": "curve", "of": ["throttle"]}
     said = json.loads(nearlift("inspect", path, "--json").stdout)
     assert said["sweep"].startswith("takes many lifts")
-
-
-def test_a_trial_is_no_sweep(tmp_path: Path) -> None:
-    path = tmp_path / "t1.csv"
-    path.write_text(sweeps.text_of(held(np.random.default_rng(3))))
-    assert inspect(path).ramp is None
-    assert "[segments]" not in nearlift("inspect", path).stdout
 
 
 @pytest.mark.parametrize(
@@ -127,18 +128,9 @@ def test_what_a_commands_numbers_mean(
     own = {"t": own["t"], name: zero + factor * own["throttle"], "force": own["force"]}
     path = tmp_path / "r.csv"
     path.write_text(sweeps.text_of(own))
-    found = inspect(path).ramp
-    assert found is not None
-    assert all(key in found.segments for key in keys)
-
-
-def test_a_sweep_whose_command_was_not_logged_is_cut_by_plateaus(tmp_path: Path) -> None:
-    own = sweeps.sweep(2.0, np.random.default_rng(5))
-    path = tmp_path / "r.csv"
-    path.write_text(sweeps.text_of({"t": own["t"], "force": own["force"]}))
-    found = inspect(path).ramp
-    assert found is not None
-    assert 'cut = "plateaus"' in found.segments
+    swept = inspect(path).ramp
+    assert swept is not None
+    assert all(key in swept.segments for key in keys)
 
 
 # ---- at ingest

@@ -37,34 +37,34 @@ RIG = {
 def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
     """Column of the frame -> name and unit in a schedule; columns that it cannot use are left out.
 
+    Units are those of trials.parquet, or follow the name, as in ``z_mm`` and ``lift_sd_gf``.
+
     Raises
     ------
     UsageError
         A needed column is missing, or a unit is not known.
     """
-    usable = [c for c in map(str, frame.columns) if c in INSIDE or c not in OF_TRIALS]
-    columns = {column: INSIDE.get(column) or _with_unit(column) for column in usable}
+    columns, names = {}, [*map(str, frame.columns)]
+    for column in (c for c in names if c in INSIDE or c not in OF_TRIALS):
+        name, _, unit = column.rpartition("_")
+        known = BY_NAME.get("distance" if name == "z" else name)
+        if column in INSIDE:
+            columns[column] = INSIDE[column]
+        elif known is None or not known.dimension:
+            columns[column] = column, ""
+        elif written := headings.unit_of(known.name, unit):
+            columns[column] = known.name, written
+        else:
+            usual = units.USUAL.get(known.dimension, (units.SI[known.dimension],))
+            what = f"{unit} is no known unit of {known.dimension}"
+            raise UsageError(f"column {column!r}", what, f"use {usual[0]}")
     if "z_hat" in frame and "distance" not in {name for name, _ in columns.values()}:
         columns["z_hat"] = ("distance", RADII)
     for name in NEEDED.keys() - {name for name, _ in columns.values()}:
         example = NEEDED[name]
-        remedy = did_you_mean(example, list(map(str, frame.columns))) or f"name it {example!r}"
+        remedy = did_you_mean(example, names) or f"name it {example!r}"
         raise UsageError("trials", f"there is no column of the {name}", remedy)
     return columns
-
-
-def _with_unit(column: str) -> tuple[str, str]:
-    """Name and unit of a column such as ``z_mm`` or ``lift_sd_gf``; others keep their name."""
-    name, _, unit = column.rpartition("_")
-    known = BY_NAME.get("distance" if name == "z" else name)
-    if known is None or not known.dimension:
-        return column, ""
-    if written := headings.unit_of(known.name, unit):
-        return known.name, written
-    usual = units.USUAL.get(known.dimension, (units.SI[known.dimension],))
-    raise UsageError(
-        f"column {column!r}", f"{unit} is no known unit of {known.dimension}", f"use {usual[0]}"
-    )
 
 
 def write_campaign(

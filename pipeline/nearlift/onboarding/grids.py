@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import tomlkit
 
@@ -14,8 +13,7 @@ from nearlift.readers.base import Channel, Contents
 from nearlift.readers.piv import DIALECTS, PIXEL, Setting, claimed_by, raws
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Grid:
+class Grid(NamedTuple):
     """Format of a velocity grid, its columns, and the [piv] section that reads it."""
 
     format: str
@@ -38,8 +36,7 @@ def grid_of(path: Path) -> Grid | None:
         kind=f"velocity grid, {DIALECTS[name].title}",
         notes=(f"{len(across)} x {len(up)} nodes: no record of force",),
     )
-    section = _section(name, raw.stated, path.suffix)
-    return Grid(format=name, contents=contents, section=section)
+    return Grid(name, contents, _section(name, raw.stated, path.suffix))
 
 
 def _section(form: str, stated: Setting, suffix: str) -> str:

@@ -10,9 +10,8 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from nearlift import units
+from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
 from nearlift.readers.base import (
     AS_FORCE,
@@ -20,15 +19,12 @@ from nearlift.readers.base import (
     SECONDS,
     Channel,
     fold,
-    rate_of,
     split_unit,
     unit_word,
 )
 from nearlift.schedule import BY_NAME, KNOWN, RADII
 
 WORDS = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
-#: Sample rates of load cells, Hz. A lower one is of means of steps, a higher one of another unit.
-USUAL_RATES_HZ = (1.0, 2e6)
 #: Times since 1970 of records, s (1995 to 2096), and their dates in days of a spreadsheet and of
 #: MATLAB.
 STAMPS_S = (8e8, 4e9)
@@ -118,40 +114,14 @@ def is_clock(heading: str) -> bool:
     return (called in WORDS["clock"] and unit in ("", *SECONDS)) or called in WORDS["clock_units"]
 
 
-def stamp_unit(clock: Channel) -> str:
+def stamp_unit(clock: FloatArray) -> str:
     """The unit of a clock's stamps since 1970, or of a spreadsheet's days; empty for others."""
-    first, last = (float(clock.values[i]) for i in (0, -1)) if len(clock.values) else (0.0, 0.0)
+    first, last = (float(clock[i]) for i in (0, -1)) if len(clock) else (0.0, 0.0)
     for unit in ("s", "ms", "us", "ns"):
         if STAMPS_S[0] < first * SECONDS[unit] < STAMPS_S[1]:
             return unit
     dated = any(low < first < high for low, high in STAMPS_DAYS)
     return "day" if dated and 0 < last - first < 1 else ""
-
-
-def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel | None:
-    """The channel that may be the clock of the force: of its group before others."""
-    group = "" if force is None else force.name.rpartition(".")[0]
-    clocks = [c for c in channels if c.unit in ("", *SECONDS) and is_clock(c.name)]
-    in_group = [c for c in clocks if c.name.rpartition(".")[0] == group]
-    # times of day under another name
-    others = [c for c in channels if c.unit == "s" and len(c.values) > 2]
-    grow = [c for c in others if (np.diff(c.values) >= 0).all() and c.values[-1] > c.values[0]]
-    return next(iter(in_group or clocks or grow), None)
-
-
-def clock_rate(clock: Channel | None) -> float | None:
-    """The rate of a clock with a unit, Hz."""
-    if clock is None or clock.unit not in SECONDS or len(clock.values) < 3:
-        return None
-    return rate_of(SECONDS[clock.unit] * clock.values)
-
-
-def doubtful_rate(rate_Hz: float) -> str:
-    """The reason why a rate cannot be that of a load cell's samples; empty where it can."""
-    if USUAL_RATES_HZ[0] <= rate_Hz <= USUAL_RATES_HZ[1]:
-        return ""
-    said = f"the file says {rate_Hz:.6g} Hz, which no load cell has"
-    return f"{said}: its clock is in another unit, or these are means of steps"
 
 
 # ---- columns of a schedule

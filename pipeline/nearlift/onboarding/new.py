@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
+import numpy as np
 import pandas as pd
 from tomlkit import TOMLDocument
 
@@ -74,7 +75,9 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     paths, table = _parted([*files, listing] if is_other else files, dialect or {})
     if is_other and listing in paths:
         _refuse_existing(listing)
-    inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(paths)]
+    # a record with one throttle is no sweep
+    one_lift = table is not None and "throttle" in table.units
+    inspected = [inspect(p, dialect, record=i > 0, one_lift=one_lift) for i, p in enumerate(paths)]
     first = inspected[0]
     if first.grid is not None:
         raise UsageError(
@@ -92,17 +95,13 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
             "lists trials, and neither lifts nor the names of the files next to it",
             "name the records, or the folder that they are in: nearlift new DIR --from FILES",
         )
-    if table is not None and "throttle" in table.units:
-        # a record with one throttle is no sweep
-        inspected = [replace(f, one_lift=True) for f in inspected]
     inspected = _of_one_kind(inspected)
     pattern, trials, copies = _places(folder, inspected)
-    schedule, more = _schedule(inspected, trials, table)
+    schedule, more = _schedule(inspected, trials, table, notes)
     made = _write(folder, proposal.for_records(inspected, pattern), schedule, more)
     for copy, path in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
-    notes += _remarks(inspected, schedule)
     return replace(made, written=(*made.written, *copies), notes=tuple(notes))
 
 
@@ -120,14 +119,14 @@ def _write(
         written.append(path)
         tables.write_whole(path, schedule.trials.to_csv(index=False, lineterminator="\n").encode())
     records.update(proposal.for_trials(schedule))
-    text = proposal.document(slug(folder), records)
+    text = proposal.document(_slug(folder), records)
     # last: a folder with a manifest is a campaign
     tables.write_whole(manifest, text.encode())
     left = (f"campaign.toml, {line}" for line in proposal.blanks(text))
     return Made(written=tuple(written), fill_in=(*left, *more, proposal.ASKED))
 
 
-def slug(folder: Path) -> str:
+def _slug(folder: Path) -> str:
     """Name of a campaign, from its folder's."""
     name = unicodedata.normalize("NFKD", folder.resolve().name.lower())
     plain = name.encode("ascii", "ignore").decode()
@@ -137,6 +136,11 @@ def slug(folder: Path) -> str:
 def _refuse_existing(path: Path) -> None:
     if path.exists():
         raise UsageError(str(path), "is there already", KEPT)
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first of some names."""
+    return f"{', '.join(names[:5])}{' ...' * (len(names) > 5)}"
 
 
 # ---- files
@@ -167,12 +171,9 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
         if not lacking:
             return others, table
         if 2 * len(lacking) < len(others):
-            raise InputRefused(
-                str(path),
-                f"lists {len(others) - len(lacking)} of {len(others)} records, and not"
-                f" {', '.join(lacking[:5])}{' ...' * (len(lacking) > 5)}",
-                "add a row for each of them, or take their files away",
-            )
+            listed = f"lists {len(others) - len(lacking)} of {len(others)} records, and not"
+            remedy = "add a row for each of them, or take their files away"
+            raise InputRefused(str(path), f"{listed} {_some(lacking)}", remedy)
     return list(files), None
 
 
@@ -218,11 +219,8 @@ def _places(
     trials = [trial_of(place.name) for place in places]
     kinds = {(p.parent, p.name.removeprefix(t)) for p, t in zip(places, trials, strict=True)}
     if len(kinds) > 1:
-        raise UsageError(
-            "--from",
-            "the files lie in different folders, or have different suffixes",
-            "put them into one folder",
-        )
+        what = "the files lie in different folders, or have different suffixes"
+        raise UsageError("--from", what, "put them into one folder")
     parent, suffix = kinds.pop()
     mark = "{record}" if proposal.are_swept(inspected) else "{trial}"
     return str(parent / f"{mark}{suffix}"), trials, copies
@@ -247,46 +245,49 @@ def _blank(header: list[str], trials: Sequence[str]) -> ProposedSchedule:
 
 
 def _schedule(
-    inspected: Sequence[Inspection], trials: Sequence[str], table: InputTable | None
+    inspected: Sequence[Inspection],
+    trials: Sequence[str],
+    table: InputTable | None,
+    notes: list[str],
 ) -> tuple[ProposedSchedule, list[str]]:
-    """Schedule of these records, and what else it needs."""
-    swept = proposal.are_swept(inspected)
-    more: list[str] = []
+    """Schedule of these records, and what else it needs; adds `notes`."""
+    wrapped = [f.path.name for f in inspected if f.wraps]
+    swept, more = proposal.are_swept(inspected), []
     if table is not None:
-        schedule = table.schedule(
-            table.ids(trials)[0] or trials, header="record" if swept else "trial"
-        )
+        header = "record" if swept else "trial"
+        schedule = table.schedule(table.ids(trials)[0] or trials, header=header)
     elif swept:
         schedule = _blank(["record", "boundary", "distance"], trials)
         more = [f"trials.csv: boundary and distance of {len(trials)} records"]
     else:
         schedule = _blank(SCHEDULE_COLUMNS, trials)
         more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
-    if swept or len(inspected) != len(trials):
-        return schedule, more
-    # further channels of the records become columns, unless the table has them
-    means = pd.DataFrame([f.means for f in inspected], index=list(trials)).dropna(axis="columns")
-    taken = [name for name in COVARIATES if name in means and name not in schedule.units]
-    cells = means[taken].map("{:.6g}".format).reindex(schedule.trials["trial"]).fillna("")
-    return replace(
-        schedule,
-        trials=schedule.trials.assign(**{name: cells[name].to_numpy() for name in taken}),
-        units={**schedule.units, **{name: inspected[0].further[name][1] for name in taken}},
-    ), more
-
-
-def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> list[str]:
-    """Notes on channels taken along, and on records with a counter that wraps."""
-    taken = [
-        f"{name}, the mean of {channel.name!r}"
-        for name, (channel, _) in inspected[0].further.items()
-        if name in schedule.trials and not proposal.are_swept(inspected)
-    ]
-    notes = [f"trials.csv has from each record: {'; '.join(taken)}"] if taken else []
-    if wrapped := [f.path.name for f in inspected if f.wraps]:
-        notes.append(
-            f"{', '.join(wrapped[:5])}{' ...' * (len(wrapped) > 5)}: the force jumps from one"
-            " sample to the next and stays there. A converter's counter may have wrapped: correct"
-            " the counts, or leave the trial out"
+    if not swept and len(inspected) == len(trials):
+        # further channels of the records become columns, unless the table has them
+        means = pd.DataFrame(map(_means, inspected), index=list(trials)).dropna(axis="columns")
+        taken = [name for name in COVARIATES if name in means and name not in schedule.units]
+        cells = means[taken].map("{:.6g}".format).reindex(schedule.trials["trial"]).fillna("")
+        further = inspected[0].further
+        schedule = replace(
+            schedule,
+            trials=schedule.trials.assign(**{name: cells[name].to_numpy() for name in taken}),
+            units={**schedule.units, **{name: further[name][1] for name in taken}},
         )
-    return notes
+        words = [f"{name}, the mean of {further[name][0].name!r}" for name in taken]
+        notes += [f"trials.csv has from each record: {'; '.join(words)}"] if words else []
+    if wrapped:
+        notes.append(
+            f"{_some(wrapped)}: the force jumps from one sample to the next and stays there. A"
+            " converter's counter may have wrapped: correct the counts, or leave the trial out"
+        )
+    return schedule, more
+
+
+def _means(inspected: Inspection) -> dict[str, float]:
+    """Mean of each channel that is a covariate, once the lift is steady."""
+    n = 0 if inspected.force is None else len(inspected.force.values)
+    first = 0 if inspected.start is None else inspected.start.steady_from
+    return {
+        name: float(np.mean(c.values[first if len(c.values) == n else 0 :]))
+        for name, (c, _) in inspected.further.items()
+    }

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,10 @@ from tomlkit.items import InlineTable
 
 from nearlift import units
 from nearlift.campaign.manifest import BLANK
-from nearlift.onboarding import headings
 from nearlift.onboarding.inspection import Inspection
 from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
-from nearlift.readers.base import AS_FORCE, FORCE_UNITS
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS, rate_of
 from nearlift.schedule import BY_NAME, RADII
 
 HERE = Path(__file__).parent
@@ -74,7 +72,13 @@ def for_records(
     doc, whole, first = tomlkit.document(), template(), inspected[0]
     load_cell: Any = whole["load_cell"]
     doc["load_cell"], doc["records"] = load_cell, whole["records"]
-    _state_rate(load_cell, first)
+    rates = {c.rate_Hz for c in ([first.force] if first.force else first.contents.channels)}
+    if len(rates) == 1 and not first.doubt and (rate := rates.pop()):
+        _set(load_cell, "sample_rate", f"{rate:.6g} Hz")
+    else:
+        differ = "the channels differ: that of the force"
+        why = first.doubt or (differ if rates - {None} else "the file does not say")
+        _set(load_cell, "sample_rate", "FILL IN Hz", why)
     if not cell:
         del load_cell["accuracy"]
     _fill_records(doc["records"], first, files)
@@ -88,83 +92,6 @@ def for_records(
         brought = cut.setdefault("columns", tomlkit.table())
         brought.setdefault(name, _inline({"column": channel.name, "unit": unit}))
     return doc
-
-
-def _state_rate(load_cell: Any, first: Inspection) -> None:
-    """State the sample rate, or ask for it."""
-    rates = {c.rate_Hz for c in ([first.force] if first.force else first.contents.channels)}
-    if len(rates) == 1 and not first.doubt and (rate := rates.pop()):
-        _set(load_cell, "sample_rate", f"{rate:.6g} Hz")
-        return
-    differ = "the channels differ: that of the force"
-    why = differ if rates - {None} else "the file does not say"
-    _set(load_cell, "sample_rate", "FILL IN Hz", first.doubt or why)
-
-
-def _state_head(load_cell: Any, inspected: Sequence[Inspection]) -> None:
-    """State a tare and settling that leave a margin, if most records show a rest head."""
-    starts = [
-        (f.start.rest_ends / f.force.rate_Hz, f.start.steady_from / f.force.rate_Hz)
-        for f in inspected
-        if f.start and f.force and f.force.rate_Hz
-    ]
-    if 2 * len(starts) <= len(inspected):
-        return
-    begins, steady = (sorted(ends) for ends in zip(*starts, strict=True))
-    early = float(np.quantile(begins, 1 - OF_RECORDS, method="higher"))
-    late = float(np.quantile(steady, OF_RECORDS, method="lower"))
-    tare = _two_digits(early * (1 - MARGIN), math.floor)
-    settle = _two_digits(late - tare + MARGIN * early, math.ceil)
-    span = " to ".join(f"{s:.3g}" for s in dict.fromkeys((begins[0], begins[-1])))
-    records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
-    _set(load_cell, "tare", f"{tare:g} s", f"rotors at rest: they start at {span} s ({records})")
-    words = f"left out after the tare: the lift is steady from {late:.3g} s on"
-    _set(load_cell, "settle", f"{settle:g} s", words)
-
-
-def _two_digits(value: float, rounded: Any) -> float:
-    digits = 1 - math.floor(math.log10(value))
-    return float(rounded(value * 10**digits) / 10**digits)
-
-
-def _fill_records(records: Any, first: Inspection, files: str | None) -> None:
-    """Fill in reader, files, force, dialect and clock."""
-    _set(records, "reader", first.reader)
-    mark = "{trial}" if first.ramp is None else "{record}"
-    alone = first.path.name if first.reader == "parquet" else f"{mark}{first.path.suffix}"
-    records["files"] = alone if files is None else files
-    _set(records, "force", *_force(first))
-    if first.dialect:
-        remark = "the file has no names: FILL IN" if first.unnamed else ""
-        _set(records, "dialect", _inline(first.dialect), remark)
-    clock = first.clock
-    # a clock whose unit is doubtful, or with many rows to each stamp, is left out
-    if clock is None or first.doubt or clock is first.force or first.rows_per_stamp > 1:
-        return
-    seconds = None if clock.unit else headings.clock_rate(replace(clock, unit="s"))
-    remark = f"in s the rate is {seconds:.6g} Hz" if seconds else ""
-    _set(records, "time", _inline({"column": clock.name, "unit": clock.unit or BLANK}), remark)
-
-
-def _force(first: Inspection) -> tuple[InlineTable, str]:
-    """[records] force, and the remark on it."""
-    force = first.force
-    if force is None:
-        names = ", ".join(c.name for c in first.contents.channels[:8])
-        return _inline({"column": BLANK, "unit": BLANK, "sign": 1}), f"one of: {names}"
-    unit, remarks = AS_FORCE.get(force.unit, force.unit), []
-    content: dict[str, object] = {"column": force.name, "unit": unit, "sign": 1}
-    if unit == "count":
-        content["calibration"] = {"gain": "FILL IN mN/count", "offset": "FILL IN count"}
-    elif unit not in FORCE_UNITS:
-        content["unit"] = BLANK
-        remarks.append(f"the file says {unit}" if unit else "the file does not say the unit")
-    if first.sign:
-        content["sign"] = first.sign
-        remarks += ["lift makes these numbers smaller"] * (first.sign < 0)
-    elif not first.wraps and (force.values < 0).sum() > len(force.values) / 2:
-        remarks.append("sign = -1 if lift makes these numbers negative")
-    return _inline(content), "; ".join(remarks)
 
 
 def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
@@ -189,6 +116,71 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
         constants.comment("the same for every trial")
         constants.update(dict.fromkeys(schedule.lacking, BLANK))
     return doc
+
+
+def _state_head(load_cell: Any, inspected: Sequence[Inspection]) -> None:
+    """State a tare and settling that leave a margin, if most records show a rest head."""
+    starts = [
+        np.array(f.start) / f.force.rate_Hz
+        for f in inspected
+        if f.start and f.force and f.force.rate_Hz
+    ]
+    if 2 * len(starts) <= len(inspected):
+        return
+    begins, steady = np.sort(starts, axis=0).T.tolist()
+    early = float(np.quantile(begins, 1 - OF_RECORDS, method="higher"))
+    late = float(np.quantile(steady, OF_RECORDS, method="lower"))
+    tare = _two_digits(early * (1 - MARGIN), math.floor)
+    settle = _two_digits(late - tare + MARGIN * early, math.ceil)
+    span = " to ".join(f"{s:.3g}" for s in dict.fromkeys((begins[0], begins[-1])))
+    records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
+    _set(load_cell, "tare", f"{tare:g} s", f"rotors at rest: they start at {span} s ({records})")
+    words = f"left out after the tare: the lift is steady from {late:.3g} s on"
+    _set(load_cell, "settle", f"{settle:g} s", words)
+
+
+def _two_digits(value: float, rounded: Callable[[float], int]) -> float:
+    digits = 1 - math.floor(math.log10(value))
+    return float(rounded(value * 10**digits) / 10**digits)
+
+
+def _fill_records(records: Any, first: Inspection, files: str | None) -> None:
+    """Fill in reader, files, force, dialect and clock."""
+    _set(records, "reader", first.reader)
+    mark = "{trial}" if first.ramp is None else "{record}"
+    alone = first.path.name if first.reader == "parquet" else f"{mark}{first.path.suffix}"
+    records["files"] = alone if files is None else files
+    _set(records, "force", *_force(first))
+    if first.dialect:
+        remark = "the file has no names: FILL IN" if first.unnamed else ""
+        _set(records, "dialect", _inline(first.dialect), remark)
+    clock = first.clock
+    # a clock whose unit is doubtful, or with many rows to each stamp, is left out
+    if clock is None or first.doubt or clock is first.force or first.rows_per_stamp > 1:
+        return
+    in_s = None if clock.unit or len(clock.values) < 3 else rate_of(clock.values)
+    remark = f"in s the rate is {in_s:.6g} Hz" if in_s else ""
+    _set(records, "time", _inline({"column": clock.name, "unit": clock.unit or BLANK}), remark)
+
+
+def _force(first: Inspection) -> tuple[InlineTable, str]:
+    """[records] force, and the remark on it."""
+    force = first.force
+    if force is None:
+        names = ", ".join(c.name for c in first.contents.channels[:8])
+        return _inline({"column": BLANK, "unit": BLANK, "sign": 1}), f"one of: {names}"
+    unit, remarks = AS_FORCE.get(force.unit, force.unit), []
+    content: dict[str, object] = {"column": force.name, "unit": unit, "sign": first.sign or 1}
+    if unit == "count":
+        content["calibration"] = {"gain": "FILL IN mN/count", "offset": "FILL IN count"}
+    elif unit not in FORCE_UNITS:
+        content["unit"] = BLANK
+        remarks.append(f"the file says {unit}" if unit else "the file does not say the unit")
+    if first.sign < 0:
+        remarks.append("lift makes these numbers smaller")
+    elif not first.sign and not first.wraps and (force.values < 0).sum() > len(force.values) / 2:
+        remarks.append("sign = -1 if lift makes these numbers negative")
+    return _inline(content), "; ".join(remarks)
 
 
 def _set(table: Any, key: str, value: object, comment: str = "") -> None:

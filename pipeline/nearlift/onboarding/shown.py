@@ -36,7 +36,13 @@ def notes(inspected: Inspection) -> list[str]:
                 " #NV or the like)"
             )
     remarks += [quality.CODES[code] for code in contents.codes]
-    remarks += [inspected.shared_stamps, inspected.doubt]
+    if inspected.clock is not None and inspected.rows_per_stamp > 1:
+        remarks.append(
+            f"each time of {inspected.clock.name!r} has {inspected.rows_per_stamp} rows: several"
+            " sensors in one file, of which keep one as a file of its own; or the clock is too"
+            " coarse: state the rate"
+        )
+    remarks += [inspected.doubt] if inspected.doubt else []
     if inspected.wraps:
         remarks.append(
             f"the force jumps by {inspected.wraps:.6g} from one sample to the next and stays there:"
@@ -53,7 +59,7 @@ def notes(inspected: Inspection) -> list[str]:
             f"{channel.name!r} may be the {name}: `nearlift new DIR --from FILES` takes it along"
             for name, (channel, _) in inspected.further.items()
         ]
-    return [remark for remark in remarks if remark]
+    return remarks
 
 
 def block(inspected: Inspection) -> str:

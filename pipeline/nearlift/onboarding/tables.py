@@ -12,7 +12,15 @@ import pandas as pd
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
-from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect, fold, parted
+from nearlift.readers.base import (
+    AS_FORCE,
+    FORCE_UNITS,
+    Channel,
+    Contents,
+    RecordsDialect,
+    fold,
+    parted,
+)
 from nearlift.readers.files import content_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
@@ -25,6 +33,10 @@ MOST_BYTES = 4 << 20
 MOST_REPEATS = 50
 #: A throttle within the name of a column of lifts.
 LEVEL = re.compile(r"(?<!\d)(\d+(?:\.\d+)?) ?(?:%|percent|pct|([uµμ]s))")
+#: A mean with its standard deviation: ``1.234 ± 0.005``, or ``1.234(5)`` in its last digits.
+WITH_SD = re.compile(
+    r"((?<!\d)-?\d+(?:\.(\d*))?)\s*(?:(?:±|\+/-|\+-)\s*(\d+(?:\.\d*)?)|\((\d+)\)?)"
+)
 #: Units by which the only column of its kind is known, whatever it is called.
 BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
 
@@ -53,6 +65,7 @@ class InputTable:
     cells: pd.DataFrame
     units: Mapping[str, str]
     written: Mapping[str, str]
+    kind: str
 
     @property
     def lists_trials(self) -> bool:
@@ -70,6 +83,25 @@ class InputTable:
     def means(self) -> bool:
         """Whether it may be a table of mean lifts: lifts by distance."""
         return "lift" in self.units and self.lists_trials
+
+    @property
+    def contents(self) -> Contents:
+        """Its columns of numbers as channels, under their headings; notes on others that trials
+        need.
+        """
+        channels, notes = [], []
+        for name, cells in self.cells.items():
+            heading, unit = self.written.get(str(name), str(name)), self.units.get(str(name), "")
+            bad = cells[~cells.map(_is_number)]
+            if bad.empty:
+                values = pd.to_numeric(cells.replace("", "nan")).to_numpy(float)
+                channels.append(Channel(name=heading, unit=unit, values=values))
+            elif name in self.units and BY_NAME[str(name)].kind == "quantity" and name != "start":
+                what = (
+                    f"row {bad.index[0] + 1} has {bad.iloc[0]!r}: a number is needed, or one unit"
+                )
+                notes.append(f"column {heading!r} is not read: {what}")
+        return Contents(channels=tuple(channels), kind=self.kind, notes=tuple(notes))
 
     def ids(self, wanted: Collection[str]) -> tuple[list[str], list[str]]:
         """Trial of every row, and the wanted names that no row has.
@@ -118,13 +150,11 @@ class InputTable:
 
 def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
     """Table in a file; None where it has none, or is too large for a schedule."""
-    if path.stat().st_size > MOST_BYTES:
-        return None
     try:
         content = content_of(path, MOST_BYTES + 1)
         if len(content) > MOST_BYTES:
             return None
-        layout, rows = cells_of(content, str(path), dialect)
+        layout, rows = cells_of(_without_bars(content), str(path), dialect)
     except (InputRefused, Malformed):
         return None
     if not rows:
@@ -137,24 +167,52 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
         for name, unit in zip(layout.names, layout.units, strict=True)
     ]
     for place, name in enumerate(stated):
-        # cells such as "30 mm", if all have one unit
-        pairs = cells[place].map(parted)
-        units = {unit for number, unit in pairs if _is_number(number)}
-        if len(units) == 1 and units != {""} and pairs.map(lambda pair: _is_number(pair[0])).all():
-            bare, unit = headings.named(name)
-            if headings.schedule_column(name)[0] != "trial" and unit in ("", *units):
-                stated[place] = f"{bare} ({units.pop()})"
-                cells[place] = pairs.map(lambda pair: pair[0])
+        stated[place], cells[place] = _without_unit(name, cells[place])
     names, cells = _lengthened(stated, cells)
-    written = list(layout.names) if names == stated else names
-    meant = columns_meant(names, [cells[place].to_list() for place in cells])
+    written = list(layout.names) if names == stated else list(names)
+    for place, name in enumerate(list(names)):
+        if cells[place].str.fullmatch(WITH_SD).all():
+            bare, unit = headings.named(name)
+            pairs = map(_mean_and_sd, cells[place])
+            cells[place], cells[len(names)] = zip(*pairs, strict=True)
+            for headers in (names, written):
+                headers.append(f"{bare} sd ({unit})" if unit else f"{bare} sd")
+    meant = _columns_meant(names, [cells[place].to_list() for place in cells])
     places = {place: name for name, (place, _) in sorted(meant.items(), key=lambda x: x[1][0])}
     places |= {p: n for p, n in enumerate(written) if p not in places and n not in BY_NAME}
     return InputTable(
         cells=cells[list(places)].set_axis(list(places.values()), axis="columns"),
         units={name: unit for name, (_, unit) in meant.items()},
         written={name: written[place] for name, (place, _) in meant.items()},
+        kind=f"table: {layout.spoken}" if layout.spoken else "table",
     )
+
+
+def _without_bars(content: bytes) -> bytes:
+    """A Markdown table without outer bars and the rule below its header; other text as it is."""
+    lines = [line for whole in content.splitlines() if (line := whole.strip())]
+    if not all(line.startswith(b"|") and line.endswith(b"|") for line in lines):
+        return content
+    return b"".join(line[1:-1] + b"\n" for line in lines if line.strip(b"|:- "))
+
+
+def _without_unit(name: str, cells: pd.Series[str]) -> tuple[str, pd.Series[str]]:
+    """Heading with the one unit of cells such as ``30 mm``, and the cells without it."""
+    pairs = cells.map(parted)
+    numbers = pairs.map(lambda pair: _is_number(pair[0]) or bool(WITH_SD.fullmatch(pair[0])))
+    units = {unit for _, unit in pairs[numbers]}
+    bare, unit = headings.named(name)
+    is_id = headings.schedule_column(name)[0] == "trial"
+    if len(units) != 1 or units == {""} or not numbers.all() or is_id or unit not in ("", *units):
+        return name, cells
+    return f"{bare} ({units.pop()})", pairs.map(lambda pair: pair[0])
+
+
+def _mean_and_sd(cell: str) -> tuple[str, str]:
+    """The two numbers of a cell that `WITH_SD` matches."""
+    mean, decimals, sd, digits = WITH_SD.fullmatch(cell).groups()  # type: ignore[union-attr]
+    places = len(decimals or "")
+    return mean, sd or f"{float(f'{digits}e-{places}'):.{places}f}"
 
 
 def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.DataFrame]:
@@ -184,7 +242,7 @@ def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.Da
     return columns, pd.concat(tables, ignore_index=True).set_axis(range(len(columns)), axis=1)
 
 
-def columns_meant(
+def _columns_meant(
     names: Sequence[str], columns: Sequence[Sequence[str]]
 ) -> dict[str, tuple[int, str]]:
     """Place and unit of each of the schedule's columns.
@@ -222,9 +280,6 @@ def columns_meant(
 
 def _is_number(cell: str) -> bool:
     return not cell or (NUMBER.fullmatch(cell) is not None and math.isfinite(float(cell)))
-
-
-# ---- several tables in one file
 
 
 def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
