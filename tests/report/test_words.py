@@ -160,6 +160,18 @@ def test_of_a_list_only_the_stations_that_are_there_go():
     assert sources.missing_for(effect, observed(1.0, 9.0)) == "a touch-off with a gauge"
 
 
+@pytest.mark.parametrize(("value", "warned"), [(2.0, False), (0.0, True), (-1.4, True)])
+def test_a_coefficient_that_its_physics_excludes_is_warned_of(value, warned):
+    quoted = SimpleNamespace(
+        base_model="sanchez_cuevas", coefficients={"K_b": SimpleNamespace(value=value)}
+    )
+    said = phrases.implausible(quoted)
+    assert len(said) == warned
+    if said:
+        assert f"{value:g} is not between 0 and 6" in said[0].replace("−", "-")
+        assert length(said[0]) <= LONGEST
+
+
 def test_an_effect_that_is_the_coefficient_is_no_doubt():
     own = SimpleNamespace(effect="image_strength", share_visible=1e-9)
     assert sources.is_the_coefficient(own)

@@ -95,6 +95,9 @@ class Parameter:
     usual_lift_N : float
         Largest median lift at which bounds and prior hold. Beyond it both grow in proportion to
         lift, as the errors of larger load cells do.
+    plausible : (float, float)
+        Values that the physics named in `meaning` allows. A fit may go beyond: another effect may
+        have the same shape.
     """
 
     name: str
@@ -106,6 +109,7 @@ class Parameter:
     grid: tuple[float, ...] = ()
     per: Literal["", "session"] = ""
     usual_lift_N: float = math.inf
+    plausible: tuple[float, float] = (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
         low, high = self.bounds

@@ -279,7 +279,7 @@ SANCHEZ_CUEVAS = of_images(
     parameters=(
         Parameter("K_b", "1", 2.0, (-10.0, 20.0), normal(2.0, 4.0),
             "strength of the fountain beneath the body; positive gains lift, negative where the"
-            " fountain is drawn in again (plausible: -2 to 6)"),
+            " fountain is drawn in again", plausible=(0.0, 6.0)),
     ),
     source=Source(
         "Sanchez-Cuevas, P., Heredia, G., and Ollero, A., Characterization of the Aerodynamic"

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 from markupsafe import Markup, escape
 
+from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.nomenclature import INDEXED, letter, noun
 from nearlift.results.diagnosis import BoundaryDiagnosis
@@ -213,6 +214,17 @@ def dependence(quoted: BoundaryResult) -> str:
     if moved.shift_per_mm is not None:
         value += f"; 0.1 mm in its distance shifts it by {plain(abs(0.1 * moved.shift_per_mm), 2)}"
     return f"The answer depends on {where}: without it {other}{value}.{also}"
+
+
+def implausible(quoted: BoundaryResult) -> list[str]:
+    """A warning of each coefficient at or beyond the ends of what its model's physics allows."""
+    known = quoted.coefficients
+    return [
+        f"{noun(p.name)} = {plain(known[p.name].value, 3)} is not between {p.plausible[0]:g} and"
+        f" {p.plausible[1]:g}, as its physics requires: another effect may have its shape"
+        for p in catalogue.model(quoted.base_model).parameters
+        if p.name in known and not p.plausible[0] < known[p.name].value < p.plausible[1]
+    ]
 
 
 def random_walk(size: float) -> str:

@@ -28,6 +28,7 @@ from nearlift.report.phrases import (
     counted,
     dependence,
     explanation,
+    implausible,
     is_sure,
     listed,
     probability,
@@ -305,7 +306,7 @@ class Brief:
             for s in self.evidence.fits.influence[self.boundary].suspects
             if on is None or (s.kind, s.id) != (on[0], on[1].id)
         ]
-        said = [dependence(quoted)]
+        said = [dependence(quoted), *implausible(quoted)]
         if self.evidence.not_diagnosed(self.boundary):
             # a known shift out of the interval is more serious than a possible one
             reach = 0.5 * (headline.hi90 - headline.lo90) if headline else math.inf

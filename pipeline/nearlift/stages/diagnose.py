@@ -150,6 +150,7 @@ def run(job: Job) -> Outcome:
             *(loop.at_bound or ()),
             phrases.random_walk(loop.random_walk_gain) if loop.random_walk_gain else "",
             phrases.dependence(diagnosis.quoted),
+            *phrases.implausible(diagnosis.quoted),
             f"downwash at {len(downwash)} distances enters the probabilities" if downwash else "",
         )
         notes += [f"{boundary}: {remark}" for remark in remarks if remark]
