@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,32 +59,20 @@ def ceiling(z_hat, alpha=0.125):
     return 0.5 + 0.5 * np.sqrt(1 + alpha / z_hat**2)
 
 
-@dataclass(frozen=True)
-class Vehicle:
-    """A vehicle in flight; `contact` and the bound on its ratio in radii."""
-
-    ratio: Callable[[np.ndarray], np.ndarray]
-    side: float = 1.0
-    contact: float = 0.0
-    bound: float = 0.5
-    most_N: float = np.inf
-
-
-def rate_at(vehicle, z_hat, flights, step_s, seed, order=1):
+def rate_at(ratio, z_hat, flights, step_s, seed, *, side, contact=0.0, bound=0.5, order=1):
     """Share of flights of 120 s that touch: a force of 0.015 N held for 0.1 s, the PID of Eq. 5; by
-    Euler's scheme or (order 2) by Heun's.
+    Euler's scheme or (order 2) by Heun's. `contact` and the bound on the ratio are in radii.
     """
     rng = np.random.default_rng(seed)
-    s, z0, most = vehicle.side, z_hat * R, np.sqrt(vehicle.most_N / K)
-    f0 = np.sqrt(MASS * G / (K * float(vehicle.ratio(np.array(z_hat)))))
+    z0, f0 = z_hat * R, np.sqrt(MASS * G / (K * float(ratio(np.array(z_hat)))))
     # height, speed, integral of the error: a row each
     state = np.stack([np.full(flights, x) for x in (z0, 0.0, 0.0)])
 
     def slope(now, gust):
         error = 316.0 * (now[0] - z0) + 316.0 * now[1] + 31.6 * now[2]
-        turning = np.clip(f0 - s * error, 0.0, most)
-        lift = K * turning**2 * vehicle.ratio(np.maximum(now[0] / R, vehicle.bound))
-        return np.stack([now[1], s * (lift + gust - MASS * G) / MASS, now[0] - z0])
+        turning = np.maximum(f0 - side * error, 0.0)
+        lift = K * turning**2 * ratio(np.maximum(now[0] / R, bound))
+        return np.stack([now[1], side * (lift + gust - MASS * G) / MASS, now[0] - z0])
 
     for _ in range(1200):
         gust = 0.015 * rng.standard_normal(state.shape[1])
@@ -95,7 +82,7 @@ def rate_at(vehicle, z_hat, flights, step_s, seed, order=1):
             if order == 2:
                 k = 0.5 * (k + slope(state + step_s * k, gust))
             state = state + step_s * k
-            alive &= state[0] > vehicle.contact * R
+            alive &= state[0] > contact * R
         if not alive.all():
             # the others fly on
             state = state[:, alive]
@@ -117,11 +104,10 @@ def test_levels_of_the_paper_s_vehicle(boundary, formula, side):
     """Explicit Euler at 0.1 s, 4000 flights against the product's 400."""
     how = paper.AS_PRINTED.simulation(boundary, 400, KEY)
     levels = paper.published_flights("paper", how, (0.5, 0.01))[0].levels
-    vehicle = Vehicle(formula, side)
     with_model = [level for level in levels if level.exponent == 1.0]
     assert [level.risk for level in with_model] == [0.5, 0.01]
     for level in with_model:
-        assert lies_within(level, lambda z: rate_at(vehicle, z, 4000, 0.1, 5))
+        assert lies_within(level, lambda z: rate_at(formula, z, 4000, 0.1, 5, side=side))
 
 
 LIFT = {
@@ -168,30 +154,16 @@ def test_levels_and_advice_of_a_fitted_vehicle_that_touches(boundary, contact_m)
     assert (flown.flights, flown.draw_flights) == (1000, 60)
     z = contact_m / R
     formula = (lambda x: ground(x, 0.065)) if boundary == "ground" else ceiling
-    vehicle = Vehicle(formula, 1.0 if boundary == "ground" else -1.0, contact=z, bound=z)
+    alone = {"side": 1.0 if boundary == "ground" else -1.0, "contact": z, "bound": z, "order": 2}
     for level in flown.levels:
         assert level.agrees
         # as few flights as the product's: the comparison has twice the variance
-        assert lies_within(level, lambda z: rate_at(vehicle, z, 1000, 0.025, 6, order=2), 1.0)
+        assert lies_within(level, lambda z: rate_at(formula, z, 1000, 0.025, 6, **alone), 1.0)
         assert level.advised
         # four standard deviations of a rate of 1000 flights, twice
         apart = 4 * np.sqrt(2 * level.risk * (1 - level.risk) / 1000)
         assert level.crashes / 1000 == pytest.approx(level.risk, abs=apart)
         assert level.rate_lo90 < level.crashes / 1000 < level.rate_hi90
-
-
-@pytest.mark.nightly
-def test_a_limit_of_thrust_as_the_equations_alone_have_it(few_flights):
-    at = {"risks": [0.5], "set_points": {"ground": [1.2, 1.6, 2.0, 2.4, 2.8, 3.2]}}
-    free, weak = (
-        of_a_fit(
-            "ground", 0.024, 100, replace(CRAZYFLIE_AS_PRINTED, most_lift_N=m * MASS * G), **at
-        )
-        for m in (9.0, 1.0)
-    )
-    assert free.levels[0].value < weak.levels[0].value
-    vehicle = Vehicle(lambda x: ground(x, 0.065), contact=24 / 23, bound=24 / 23, most_N=MASS * G)
-    assert lies_within(weak.levels[0], lambda z: rate_at(vehicle, z, 400, 0.025, 9, order=2))
 
 
 # ---- conditions
@@ -329,14 +301,10 @@ def test_a_crash_is_drawn_where_the_flight_touches():
         assert np.array_equal(touching(np.arange(len(alive)), np.array(alive))[1], alive)
 
 
-def test_the_usual_set_points_begin_above_what_the_vehicle_touches(remake, few_flights):
+def test_the_usual_set_points_begin_above_what_the_vehicle_touches():
     """A Crazyflie's feet are 24 mm below its rotors, so it touches at 1.04 radii."""
-    asked = QUICK | {"flights": 20, "presets": [], "set_points": {}}
-    job = remake("ground", simulate=asked, vehicle=VEHICLE | {"contact": {"ground": "24 mm"}})
-    simulate.run(job)
-    rates = job.read(CRASH_RATES)
-    assert rates["target_z_hat"].min() == pytest.approx(1.2)
-    assert set(rates["contact_z_hat"]) == {24 / 23}
+    usual = fitted.set_points("ground", 24 / 23)
+    assert (usual[0], usual[-1]) == (1.2, 3.1)
 
 
 def test_nothing_is_advised_where_lift_nearer_than_measured_decides(

@@ -26,7 +26,6 @@ def test_roll_has_the_torque_of_the_near_pair():
     assert near.lo90_N_m[0] < near.torque_N_m[0] < near.hi90_N_m[0]
     assert both.same_law.torque_N_m[0] < near.torque_N_m[0]
     assert near.lo90_deg_s2 < near.acceleration_deg_s2 < near.hi90_deg_s2
-    assert pytest.approx(0.056, abs=1e-3) == roll.INERTIA_SPREAD
     torque_alone = roll.roll_beside_wall(ratios, 0.1, **CRAZYFLIE, inertia_kg_m2=None, rng=rng)
     assert torque_alone.near_pair_only.acceleration_deg_s2 is None
 
@@ -37,7 +36,7 @@ def test_the_interval_of_the_acceleration_includes_the_inertia_s():
         [wall(0.03)] * 400, 0.1, **CRAZYFLIE, inertia_kg_m2=1.6e-5, rng=rng
     ).near_pair_only
     half = 0.5 * math.log(near.hi90_deg_s2 / near.lo90_deg_s2)
-    assert half == pytest.approx(1.645 * roll.INERTIA_SPREAD, rel=0.2)
+    assert half == pytest.approx(1.645 * 0.056, rel=0.2)
     assert near.lo90_N_m[0] == pytest.approx(near.hi90_N_m[0])
 
 

@@ -14,21 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nearlift.campaign.choices import Simulate
-from nearlift.declare import BoolArray, Boundary
+from nearlift.declare import BoolArray, Boundary, FloatArray
 from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate, energy, paper
 from nearlift.flight.crash_rate import CrashLevel, Rows, StepTest, Sweep, sweep
 from nearlift.flight.quoted_lift import QuotedLift
 from nearlift.flight.roll import Roll
 from nearlift.flight.simulation import Simulation, Spread, tabulate
-from nearlift.flight.vehicle import (
-    Craft,
-    Disturbance,
-    Gains,
-    Groups,
-    dimensionless,
-    refuse_unstable,
-)
+from nearlift.flight.vehicle import Craft, Disturbance, Gains, Groups
 from nearlift.randomness import generator
 from nearlift.results.document import IfAny, Real
 from nearlift.results.quotation import Results
@@ -51,20 +44,10 @@ class FittedLevel(CrashLevel):
     """Lowest set-point at a risk by the model's own form, with the 90 % interval of model and
     flights together.
 
-    Attributes
-    ----------
-    held : float
-        Level with lift held below the nearest station.
-    agrees : bool
-        Whether both extrapolations agree; the interval then includes both.
-    without_model : float
-        Level without a boundary, with the same sag.
-    relative_power : float
-        Power to hover at `value` over power far away.
-    crashes : int
-        Number of crashes at `value` in as many flights with other gusts.
-    rate_lo90, rate_hi90 : float
-        Interval of the crash rate by those.
+    `held` is the level with lift held below the nearest station. Where both extrapolations agree,
+    the interval includes both. `without_model` is the level without a boundary, with the same sag.
+    `relative_power` is power to hover at `value` over that far away. `crashes` at `value`, in as
+    many flights with other gusts, have the rate `rate_lo90` to `rate_hi90`.
     """
 
     held: Real
@@ -85,24 +68,10 @@ class FittedLevel(CrashLevel):
 class FittedFlights:
     """Flights at one boundary and their results.
 
-    Attributes
-    ----------
-    draws_from : str
-        Product that the draws come from.
-    contact_z_hat, contact_m : float
-        Height of the rotor plane at contact, which counts as a crash.
-    bound_z_hat : float
-        Lower end of the model's own form; below it L / L_inf is constant.
-    measured_z_hat : (float, float)
-        Nearest and farthest station.
-    droop : float
-        Relative change of lift by the end of a flight, with and without a boundary.
-    held : str
-        Quantity that each trial held constant.
-    flights, draw_flights : int
-        Number of flights per set-point by the best estimate, and by each draw.
-    gains : Gains
-        Those of `groups` in SI units, to set a controller by.
+    Below `bound_z_hat` L / L_inf is constant. `measured_z_hat` are the nearest and the farthest
+    station. `droop` is the relative change of lift by the end of a flight, with and without a
+    boundary, `held` the quantity that each trial held constant. A set-point has `flights` by the
+    best estimate and `draw_flights` by each draw. `gains` are those of `groups`, in SI units.
     """
 
     model: str
@@ -138,43 +107,31 @@ class SafetyResult:
 
 
 def conditions(
-    chosen: Simulate,
-    boundary: Boundary,
-    craft: Craft,
-    contact_m: float,
-    key: int,
-    spread: Spread,
+    chosen: Simulate, boundary: Boundary, craft: Craft, contact_m: float, key: int, spread: Spread
 ) -> Simulation:
-    """Groups, scheme and step of a campaign's flights.
-
-    They are the manifest's, else the paper's scaled to the vehicle. `contact_m` is the height of
-    the rotor plane at contact.
+    """Groups, scheme and step of a campaign's flights: the manifest's, else the paper's scaled to
+    the vehicle. `contact_m` is the height of the rotor plane at contact.
 
     Raises
     ------
     ManifestError
         The loop is unstable, or a flight is shorter than a gust.
     """
-    like, published = paper.CONVERGED, paper.groups(boundary)
+    published = paper.groups(boundary)
     gains, gusts = published.gains(craft), published.disturbance(craft)
     if given := chosen.gains.get(boundary):
         gains = Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
-    refuse_unstable(gains, craft, boundary)
+    gains.refuse_unstable(craft, boundary)
     if g := chosen.gusts:
         gusts = Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation)
     duration_s = published.duration * craft.time_s
     if duration_s < gusts.hold_s:
         what = f"{gusts.hold_s:g} s is longer than a flight of {duration_s:.3g} s"
         raise ManifestError("simulate.gusts.hold", what, "give a shorter hold")
-    return Simulation(
-        boundary=boundary,
-        groups=dimensionless(craft, gains, gusts, duration_s, contact_m / craft.radius_m),
-        runge_kutta=like.runge_kutta,
+    return replace(
+        paper.CONVERGED.simulation(boundary, chosen.flights, key, spread),
+        groups=Groups.scaled(craft, gains, gusts, duration_s, contact_m / craft.radius_m),
         hold_s=gusts.hold_s,
-        steps_per_hold=like.steps_per_hold,
-        flights=chosen.flights,
-        key=key,
-        spread=spread,
     )
 
 
@@ -213,26 +170,24 @@ def fitted_flights(
     many = replace(how, flights=max(how.flights, ADVISED_FLIGHTS))
     curves = tabulate([np.ones_like, form, lambda z: form(np.maximum(z, nearest))], bound)
     flown, step_test = sweep(many, curves, targets, chosen.risks, droop)
-    draw_curves, members = tabulate(drawn, bound), np.arange(lift.number)[:, None]
-    sags = np.array(droops)[:, None]
-    draws = Sweep(
-        target_z_hat=flown.target_z_hat,
-        crashed=how.ended(draw_curves, flown.target_z_hat, members, sags) >= 0,
-        ratio=draw_curves.at(flown.target_z_hat),
-    )
+    draw_curves, members = tabulate(drawn, bound), np.arange(lift.number)
+    ended = how.ended(draw_curves, flown.target_z_hat, members[:, None], np.array(droops)[:, None])
+    ratio = draw_curves.at(flown.target_z_hat)
+    draws = Sweep(target_z_hat=flown.target_z_hat, crashed=ended >= 0, ratio=ratio)
     rng = generator(seed, "levels", "fitted", boundary)
     levels = []
     for risk in chosen.risks:
         level = _level(flown, draws, risk, rng)
         if np.isfinite(level.value):
             others = replace(many, key=many.key ^ OTHERS)
-            crashes = (others.ended(curves, level.value, FORM, droop) >= 0).sum()
-            low, high = crash_rate.binomial90(crashes, many.flights)
-            power = energy.cost(curves.at(np.array([level.value]))[FORM], held)[1]
+            crashes = int((others.ended(curves, level.value, FORM, droop) >= 0).sum())
+            low, high = crash_rate.binomial90(np.array(crashes), many.flights)
             level = replace(
                 level,
-                relative_power=float(power[0]),
-                crashes=int(crashes),
+                relative_power=float(
+                    energy.cost(curves.at(np.array([level.value]))[FORM], held)[1][0]
+                ),
+                crashes=crashes,
                 rate_lo90=float(low),
                 rate_hi90=float(high),
             )
@@ -246,7 +201,7 @@ def fitted_flights(
         draws=lift.number,
         contact_z_hat=contact,
         contact_m=contact * craft.radius_m,
-        bound_z_hat=curves.low,
+        bound_z_hat=bound,
         measured_z_hat=lift.measured_z_hat,
         droop=droop,
         held=held,
@@ -258,17 +213,19 @@ def fitted_flights(
         gains=how.groups.gains(craft),
     )
     # no boundary, both extrapolations, and every draw
-    parts = [
-        (flown, NONE, "none", -1, ""),
-        (flown, FORM, lift.model.name, -1, "form"),
-        (flown, HELD, lift.model.name, -1, "held"),
-        *((draws, member, lift.model.name, member, "form") for member in range(lift.number)),
-    ]
-    rows = Rows()
-    for part, curve, model, member, below_nearest in parts:
+    name, rows = lift.model.name, Rows()
+    for part, curve, member, below_nearest in (
+        (flown, NONE, -1, ""),
+        (flown, FORM, -1, "form"),
+        (flown, HELD, -1, "held"),
+        *((draws, member, member, "form") for member in members.tolist()),
+    ):
         labels = {"preset": "fitted", "boundary": boundary, "contact_z_hat": contact}
-        labels |= {"model": model, "exponent": float(model != "none"), "member": member}
-        rows += part.rows(curve, held, below_nearest=below_nearest, **labels)
+        labels |= {
+            "model": name if below_nearest else "none",
+            "exponent": float(below_nearest != ""),
+        }
+        rows += part.rows(curve, held, below_nearest=below_nearest, member=member, **labels)
     return entry, rows
 
 
@@ -281,14 +238,12 @@ def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) ->
     none, best, held = (crash_rate.levels(z_hat, c, risk, weights) for c in flown.crashed)
     few = draws.crashed.shape[2]
 
-    def as_flown(crashed: BoolArray) -> float:
-        rate = crashed[:, :few].mean(axis=1)
-        return float(crash_rate.level(z_hat, rate, risk, 0.5 / few))
+    def as_flown(crashed: BoolArray) -> FloatArray:
+        return crash_rate.level(z_hat, crashed[..., :few].mean(axis=-1), risk, 0.5 / few)
 
-    start = as_flown(flown.crashed[FORM])
-    shifts = np.array([as_flown(c) - start for c in draws.crashed])
+    shifts = as_flown(draws.crashed) - as_flown(flown.crashed[FORM])
     lo90, hi90 = crash_rate.spread90((best + shifts[:, None]).ravel())
-    agrees = lo90 - ALIKE <= float(held[0]) <= hi90 + ALIKE
+    agrees = lo90 - ALIKE <= held[0] <= hi90 + ALIKE
     if agrees:
         lo90, hi90 = min(lo90, float(held[0])), max(hi90, float(held[0]))
     return FittedLevel(
@@ -298,6 +253,6 @@ def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) ->
         hi90=hi90,
         lowest_flown=float(z_hat[0]),
         held=float(held[0]),
-        agrees=agrees,
+        agrees=bool(agrees),
         without_model=float(none[0]),
     )

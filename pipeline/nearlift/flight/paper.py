@@ -12,10 +12,18 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
-from nearlift.flight import crash_rate
-from nearlift.flight.crash_rate import CrashLevel, Rows, StepTest, combined, sweep
+from nearlift.flight.crash_rate import (
+    CrashLevel,
+    Rows,
+    StepTest,
+    combined,
+    levels,
+    resamples,
+    spread90,
+    sweep,
+)
 from nearlift.flight.simulation import Curves, Simulation, Spread, tabulate
-from nearlift.flight.vehicle import Craft, Disturbance, Gains, Groups, dimensionless
+from nearlift.flight.vehicle import Craft, Disturbance, Gains, Groups
 from nearlift.randomness import generator
 
 #: The vehicle of the paper's simulation.
@@ -23,8 +31,10 @@ CRAZYFLIE_AS_PRINTED = Craft(
     radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6
 )
 #: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.
-CEILING_GAINS = Gains(kP=316.0, kD=316.0, kI=31.6)
-GAINS: dict[Boundary, Gains] = {"ground": CEILING_GAINS.times(-1.0), "ceiling": CEILING_GAINS}
+GAINS: dict[Boundary, Gains] = {
+    "ground": Gains(kP=-316.0, kD=-316.0, kI=-31.6),
+    "ceiling": Gains(kP=316.0, kD=316.0, kI=31.6),
+}
 #: The paper's white noise, held for its step of 0.1 s.
 DISTURBANCE = Disturbance(sd_N=0.015, hold_s=0.1)
 #: Duration of each flight.
@@ -50,7 +60,7 @@ SEARCHED, PICKED = 60, 2
 
 def groups(boundary: Boundary) -> Groups:
     """Dimensionless groups with the paper's gains, signed for the boundary."""
-    return dimensionless(CRAZYFLIE_AS_PRINTED, GAINS[boundary], DISTURBANCE, DURATION_S)
+    return Groups.scaled(CRAZYFLIE_AS_PRINTED, GAINS[boundary], DISTURBANCE, DURATION_S)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +103,7 @@ CONVERGED = FlightPreset(
 PRESETS = {"paper": AS_PRINTED, "converged": CONVERGED}
 
 
-def scaled_curves(boundary: Boundary, exponents: Sequence[float] = EXPONENTS) -> Curves:
+def scaled_curves(boundary: Boundary, exponents: Sequence[float]) -> Curves:
     """L / L_inf of the paper's model for the paper's vehicle, raised to each of `exponents`."""
     model = catalogue.model(MODELS[boundary])
     geometry = {n: GEOMETRY[n] for n in model.needs}
@@ -130,26 +140,23 @@ def published_flights(
     boundary = how.boundary
     # one bootstrap for all curves: they met the same gusts
     rng = generator(how.key % 2**32, "levels", preset, boundary)
-    weights = crash_rate.resamples(how.flights, rng)
-    rows, levels, tests = Rows(), [], []
+    weights = resamples(how.flights, rng)
+    rows, reached, tests = Rows(), [], []
     for k in EXPONENTS:
         flown, step_test = sweep(how, scaled_curves(boundary, (k,)), TARGETS[boundary], risks)
         tests.append(step_test)
         labels = {"preset": preset, "boundary": boundary, "exponent": k, "member": -1}
         labels |= {"below_nearest": "", "contact_z_hat": how.groups.contact}
         rows += flown.rows(0, "thrust", model=MODELS[boundary] if k else "none", **labels)
+        lowest = float(flown.target_z_hat[0])
         for risk in risks:
-            values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], risk, weights)
-            lo90, hi90 = crash_rate.spread90(values)
-            lowest = float(flown.target_z_hat[0])
-            levels.append(
-                CrashLevel(
-                    exponent=k, risk=risk, value=float(values[0]), lo90=lo90, hi90=hi90,
-                    lowest_flown=lowest,
-                )
-            )  # fmt: skip
+            values = levels(flown.target_z_hat, flown.crashed[0], risk, weights)
+            lo90, hi90 = spread90(values)
+            at: dict[str, float] = {"value": float(values[0]), "lo90": lo90, "hi90": hi90}
+            reached.append(CrashLevel(exponent=k, risk=risk, **at, lowest_flown=lowest))
+    convergence = combined(tests)
     flights = PublishedFlights(
-        convergence=combined(tests), groups=how.groups, flights=how.flights, levels=tuple(levels)
+        convergence=convergence, groups=how.groups, flights=how.flights, levels=tuple(reached)
     )
     return flights, rows
 

@@ -21,7 +21,6 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -49,7 +48,7 @@ SAG_EXPONENT = 2.0
 HOUR_S = 3600.0
 
 
-# ---- ratios (..., n) on a grid of heights (n,)
+# ---- ratios (draws, n) on a grid of heights (n,)
 
 
 def grid(low: float, high: float) -> FloatArray:
@@ -57,153 +56,55 @@ def grid(low: float, high: float) -> FloatArray:
     return np.geomspace(max(low, LOWEST), high, GRID)
 
 
-def refuse_folds(z_hat: FloatArray, ratio: FloatArray, where: str, constant: bool = False) -> None:
-    """Refuse L / L_inf (n,) that is not monotonic over the heights; it may be `constant`.
+def refuse_folds(z_hat: FloatArray, ratios: FloatArray, where: str) -> None:
+    """Refuse ratios of which any is not monotonic over the heights, or the first is constant.
+
+    A draw may be constant, where the interval of a coefficient reaches 0.
 
     Raises
     ------
     InputRefused
-        It folds (says above which height it does not), has no value somewhere, or is constant.
+        One folds (says above which height it does not), or has no value somewhere.
     """
-    refused = partial(InputRefused, where)
-    if not np.isfinite(ratio).all():
-        bad = float(z_hat[~np.isfinite(ratio)].max())
-        raise refused(f"the model has no value at z_hat = {bad:.3g}", f"ask above {bad:.3g}")
-    change = np.diff(ratio)
-    steep = np.flatnonzero(np.abs(change) > FLAT)
-    if not len(steep) and not constant:
+    unknown = ~np.isfinite(ratios).all(axis=0)
+    if unknown.any():
+        bad = z_hat[unknown].max()
+        what = f"the model has no value at z_hat = {bad:.3g}"
+        raise InputRefused(where, what, f"ask above {bad:.3g}")
+    change = np.diff(ratios)
+    change[np.abs(change) <= FLAT] = 0.0
+    if not change[0].any():
         what = "the model does not change with distance"
-        raise refused(what, "lift does not depend on this boundary")
-    against = steep[change[steep] * change[steep[-1:]] < 0]
-    if len(against):
-        turn = float(z_hat[against[-1] + 1])
-        raise refused(
-            f"the model folds at z_hat = {turn:.3g}: one lift ratio has two heights",
-            f"only heights above {turn:.3g} can be distinguished",
-        )
+        raise InputRefused(where, what, "lift does not depend on this boundary")
+    for row in change:
+        steep = row[row != 0]
+        against = np.flatnonzero(row * steep[-1:].sum() < 0)
+        if len(against):
+            turn = z_hat[against[-1] + 1]
+            raise InputRefused(
+                where,
+                f"the model folds at z_hat = {turn:.3g}: one lift ratio has two heights",
+                f"only heights above {turn:.3g} can be distinguished",
+            )
 
 
-def reach(z_hat: FloatArray, ratio: FloatArray, change: float) -> FloatArray:
-    """Largest height at which |L / L_inf - 1| is at least `change`, interpolated, shape (...).
+def ranges(z_hat: FloatArray, ratios: FloatArray, change: float) -> tuple[float, float, float]:
+    """Largest height at which |L / L_inf - 1| of the first row, the best estimate, is at least
+    `change`, interpolated, and its 90 % interval over the other rows.
 
-    It is nan where there is none. At the end of the grid it is a lower bound.
+    It is nan where there is none (zero in the interval). At the end of the grid it is a lower
+    bound.
     """
-    effect, n = np.abs(ratio - 1.0), len(z_hat)
+    effect, n = np.abs(ratios - 1.0), len(z_hat)
     enough = effect >= change
-    last = n - 1 - enough[..., ::-1].argmax(axis=-1)
-    i = np.minimum(last, n - 2)
-    a, b = (np.take_along_axis(effect, k[..., None], -1)[..., 0] for k in (i, i + 1))
-    share = (a - change) / np.where(a == b, 1.0, a - b)
-    between = z_hat[i] + (z_hat[i + 1] - z_hat[i]) * share
-    distance = np.where(last == n - 1, z_hat[-1], between)
-    return np.where(enough.any(axis=-1), distance, np.nan)
-
-
-def reaches(z_hat: FloatArray, ratio: FloatArray, change: float) -> tuple[float, float, float]:
-    """`reach` of the first row (the best estimate), and its 90 % interval over the others; those
-    without a range count as zero.
-    """
-    best, *others = reach(z_hat, ratio, change).tolist()
+    last = n - 1 - enough[:, ::-1].argmax(axis=1)
+    i, row = np.minimum(last, n - 2), np.arange(len(effect))
+    a, b = effect[row, i], effect[row, i + 1]
+    between = z_hat[i] + (z_hat[i + 1] - z_hat[i]) * ((a - change) / np.where(a == b, 1.0, a - b))
+    farthest = np.where(last == n - 1, z_hat[-1], between)
+    best, *others = np.where(enough.any(axis=1), farthest, np.nan).tolist()
     lo90, hi90 = np.percentile(np.nan_to_num(others or [best], nan=0.0), [5, 95]).tolist()
     return best, lo90, hi90
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeightPosterior:
-    """Posterior of z_hat, given a boundary within the range; and the posterior probability `beyond`
-    that there is none.
-    """
-
-    median: float
-    lo90: float
-    hi90: float
-    beyond: float
-
-
-def locate(measured: float, u: float, z_hat: FloatArray, ratio: FloatArray) -> HeightPosterior:
-    """Posterior of z_hat from a measured L / L_inf with its standard uncertainty `u`, including
-    sensor, payload and supply.
-
-    `ratio` (draws, n) are draws of the model, each monotonic (see `refuse_folds`). The prior is
-    uniform in ln z_hat over the grid; that there is no boundary within has the probability
-    `PRIOR_BEYOND`.
-
-    Raises
-    ------
-    InputRefused
-        `u` is not positive, or `measured` is over ten `u` both from 1 and from the model's range.
-    """
-    refused, low, high = partial(InputRefused, "measured ratio"), ratio.min(), ratio.max()
-    if not u > 0:
-        raise refused(f"has the uncertainty {u:g}", "give a positive standard uncertainty")
-    outside = float(max(low - measured, measured - high)) / u
-    if min(outside, abs(measured - 1.0) / u) > TOO_FAR:
-        raise refused(
-            f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between"
-            f" {low:.4g} and {high:.4g}",
-            "lift has another cause, or its uncertainty is larger than stated",
-        )
-    # both evidences are relative to the larger of the likelihoods at the best height and without a
-    # boundary, so that they cannot both underflow
-    chi2 = ((measured - ratio) / u) ** 2
-    nearest, alone = float(chi2.min()), ((measured - 1.0) / u) ** 2
-    least = min(nearest, alone)
-    log_z = np.log(z_hat)
-    mass = np.exp(-0.5 * (chi2 - nearest)).mean(axis=0) * np.gradient(log_z)
-    within = float(mass.sum() / (log_z[-1] - log_z[0]) * np.exp(-0.5 * (nearest - least)))
-    beyond = PRIOR_BEYOND * math.exp(-0.5 * (alone - least))
-    lo90, median, hi90 = np.interp((0.05, 0.5, 0.95), np.cumsum(mass) / mass.sum(), z_hat).tolist()
-    share = beyond / ((1 - PRIOR_BEYOND) * within + beyond)
-    return HeightPosterior(median=median, lo90=lo90, hi90=hi90, beyond=share)
-
-
-# ---- sensor
-
-
-def change_needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
-    """Relative change of lift that is detected at these rates."""
-    from scipy.special import ndtri
-
-    return float(sigma * (-ndtri(false_alarm_rate) - ndtri(miss_rate)))
-
-
-def ratio_of_hover(
-    throttle: float,
-    weight_N: float,
-    u_weight: float,
-    far: Mapping[float, float],
-    u_lift: float,
-    u_throttle: float = 0.0,
-) -> tuple[float, float]:
-    """L / L_inf at hover (weight, payload included, over lift far away at that throttle) and its
-    standard uncertainty.
-
-    `far` is lift far away, N, by throttle (a fraction); a power law holds between them. `u_weight`
-    and `u_lift` (levels, supply) are relative; `u_throttle` is weighted by the exponent there.
-
-    Raises
-    ------
-    InputRefused
-        The throttle is outside those measured.
-    """
-    levels = sorted(far)
-    if not levels[0] <= throttle <= levels[-1]:
-        raise InputRefused(
-            "throttle",
-            f"{throttle:.3g} is outside {levels[0]:.3g} to {levels[-1]:.3g}, where lift was"
-            " measured",
-            "measure lift at that throttle too",
-        )
-    x, y = np.log(levels), np.log([far[t] for t in levels])
-    ratio = weight_N / math.exp(np.interp(math.log(throttle), x, y))
-    exponent = 0.0
-    if len(levels) > 1:
-        i = int(np.clip(np.searchsorted(levels, throttle), 1, len(levels) - 1))
-        exponent = float((y[i] - y[i - 1]) / (x[i] - x[i - 1]))
-    return ratio, ratio * math.hypot(u_weight, u_lift, exponent * u_throttle / throttle)
-
-
-# ---- results
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,13 +116,53 @@ class HeightInterval:
     hi90: float
 
 
+def locate(
+    measured: float, u: float, z_hat: FloatArray, ratios: FloatArray
+) -> tuple[HeightInterval, float]:
+    """Posterior of z_hat, given a boundary within the range, and the probability that there is
+    none, from a measured L / L_inf with its standard uncertainty `u`.
+
+    `ratios` (draws, n) are draws of the model, each monotonic (see `refuse_folds`). The prior is
+    uniform in ln z_hat over the grid; that there is no boundary within has the probability
+    `PRIOR_BEYOND`.
+
+    Raises
+    ------
+    InputRefused
+        `u` is not positive, or `measured` is over ten `u` both from 1 and from the model's range.
+    """
+    where, low, high = "measured ratio", ratios.min(), ratios.max()
+    if not u > 0:
+        what = f"has the uncertainty {u:g}"
+        raise InputRefused(where, what, "give a positive standard uncertainty")
+    outside = max(low - measured, measured - high) / u
+    if min(outside, abs(measured - 1.0) / u) > TOO_FAR:
+        raise InputRefused(
+            where,
+            f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between"
+            f" {low:.4g} and {high:.4g}",
+            "lift has another cause, or its uncertainty is larger than stated",
+        )
+    # both evidences are relative to the larger of the likelihoods at the best height and without a
+    # boundary, so that they cannot both underflow
+    chi2 = ((measured - ratios) / u) ** 2
+    nearest, alone = float(chi2.min()), ((measured - 1.0) / u) ** 2
+    least = min(nearest, alone)
+    log_z = np.log(z_hat)
+    mass = np.exp(-0.5 * (chi2 - nearest)).mean(axis=0) * np.gradient(log_z)
+    within = float(mass.sum() / (log_z[-1] - log_z[0]) * np.exp(-0.5 * (nearest - least)))
+    beyond = PRIOR_BEYOND * math.exp(-0.5 * (alone - least))
+    lo90, median, hi90 = np.interp((0.05, 0.5, 0.95), np.cumsum(mass) / mass.sum(), z_hat).tolist()
+    height = HeightInterval(median=median, lo90=lo90, hi90=hi90)
+    return height, beyond / ((1 - PRIOR_BEYOND) * within + beyond)
+
+
+# ---- results
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightReading:
-    """A reading and its posterior.
-
-    `beyond` is the probability of no boundary within `within_z_hat`. `alike` are the heights of
-    other boundaries with the same ratio, which one reading cannot exclude.
-    """
+    """A reading and its posterior; `beyond` is the probability of no boundary in `within_z_hat`."""
 
     boundary: Boundary
     model: str
@@ -232,7 +173,6 @@ class HeightReading:
     z_m: HeightInterval
     beyond: float
     within_z_hat: tuple[float, float]
-    alike: Mapping[Boundary, float]
 
     @property
     def text(self) -> str:
@@ -246,11 +186,6 @@ class HeightReading:
             f"z_hat = {z.median:.3g} (90 %: {z.lo90:.3g} to {z.hi90:.3g}), {1e3 * m.median:.3g} mm"
             f" ({1e3 * m.lo90:.3g} to {1e3 * m.hi90:.3g}), if there is a boundary\n"
             f"none between z_hat {low:.3g} and {high:.3g}: {share} % (50 % before the reading)"
-            + "".join(
-                f"\na {side} at z_hat {at:.3g} gives the same ratio: one reading cannot distinguish"
-                " them; lift that rises in descent can (ground), or in climb (ceiling)"
-                for side, at in self.alike.items()
-            )
         )
 
 
@@ -313,10 +248,10 @@ class BoundarySensor:
         self.lift = quoted.lift(boundary, DRAWS)
         self.z_hat = grid(*self.lift.measured_z_hat)
         # the best estimate, then every draw
-        self.ratio = np.stack([ratio(self.z_hat) for ratio in self.lift.ratios])
+        self.ratios = np.stack([ratio(self.z_hat) for ratio in self.lift.ratios])
         self.sag_exponent = abs(self.lift.best.get("sag_exponent", SAG_EXPONENT))
-        self.levels, scatter = quoted.levels(boundary)
-        self.floor = float(np.hypot(scatter, np.median([u / x for x, u in self.levels.values()])))
+        self.L_inf_N, scatter = quoted.levels(boundary)
+        self.floor = float(np.hypot(scatter, np.median([u / x for x, u in self.L_inf_N.values()])))
         self.short = self._short()
 
     def _short(self) -> float:
@@ -340,22 +275,17 @@ class BoundarySensor:
         return math.hypot(short, self.floor, payload, self.sag_exponent * voltage)
 
     def refuse_ambiguous(self) -> None:
-        """Refuse a lift whose best estimate or any draw has the same ratio at two heights.
-
-        A draw may be constant, where the interval of a coefficient reaches 0.
-        """
-        for i, ratio in enumerate(self.ratio):
-            where = f"{self.boundary} {self.lift.model.name}"
-            refuse_folds(self.z_hat, ratio, where, constant=i > 0)
+        """Refuse a lift of which the best estimate or any draw has one ratio at two heights."""
+        refuse_folds(self.z_hat, self.ratios, f"{self.boundary} {self.lift.model.name}")
 
     def summary(self) -> BoundaryProximity:
         """Sensor and significant range, and whether lift can be inverted."""
-        lift, chosen, refused = self.lift, self.chosen, None
+        lift, change, refused = self.lift, self.chosen.significant, None
         try:
             self.refuse_ambiguous()
         except InputRefused as refusal:
             refused = f"{refusal.what}; {refusal.remedy}"
-        z_hat, lo90, hi90 = reaches(self.z_hat, self.ratio, chosen.significant)
+        z_hat, lo90, hi90 = ranges(self.z_hat, self.ratios, change)
         return BoundaryProximity(
             model=lift.model.name,
             title=lift.title,
@@ -363,9 +293,7 @@ class BoundarySensor:
             effects=lift.effects,
             measured_z_hat=lift.measured_z_hat,
             largest_change=lift.largest_change,
-            significant=SignificantHeight(
-                change=chosen.significant, z_hat=z_hat, lo90=lo90, hi90=hi90
-            ),
+            significant=SignificantHeight(change=change, z_hat=z_hat, lo90=lo90, hi90=hi90),
             short_per_sqrt_Hz=self.short,
             floor=self.floor,
             lift_per_voltage=self.sag_exponent,
@@ -374,13 +302,15 @@ class BoundarySensor:
 
     def rows(self) -> list[dict[str, object]]:
         """Rows of detection.parquet: detection ranges over supplies, payloads, averaging times."""
+        from scipy.special import ndtri
+
         chosen, rows = self.chosen, list[dict[str, object]]()
+        quantiles = -float(ndtri(chosen.false_alarm_rate) + ndtri(chosen.miss_rate))
         for voltage, payload, averaging_s in itertools.product(
             chosen.supply, chosen.payload, chosen.averaging
         ):
             sigma = self.sigma(averaging_s, payload, voltage)
-            change = change_needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
-            best, lo90, hi90 = reaches(self.z_hat, self.ratio, change)
+            z_hat, lo90, hi90 = ranges(self.z_hat, self.ratios, quantiles * sigma)
             rows.append(
                 {
                     "boundary": self.boundary,
@@ -391,33 +321,51 @@ class BoundarySensor:
                     "supply": self.sag_exponent * voltage,
                     "sigma": sigma,
                     "false_alarms_per_hour": chosen.false_alarm_rate * HOUR_S / averaging_s,
-                    "needed": change,
-                    "range_z_hat": best,
+                    "needed": quantiles * sigma,
+                    "range_z_hat": z_hat,
                     "lo90": lo90,
                     "hi90": hi90,
-                    "range_m": best * self.quoted.campaign.vehicle.rotor_radius,
+                    "range_m": z_hat * self.quoted.campaign.vehicle.rotor_radius,
                 }
             )
         return rows
 
     def measured(self, reading: LiftReading) -> tuple[float, float]:
-        """L / L_inf of a reading and its standard uncertainty."""
-        if reading.ratio is not None:
+        """L / L_inf of a reading and its standard uncertainty.
+
+        That of a throttle is weight, payload included, over lift far away at that throttle. A power
+        law of throttle holds between those measured.
+
+        Raises
+        ------
+        InputRefused
+            The throttle is outside those measured.
+        """
+        campaign, given, levels = self.quoted.campaign, reading, sorted(self.L_inf_N)
+        if given.ratio is not None:
             # a ratio's `u` includes weight and supply unless they are given; a throttle's never
-            further = math.hypot(reading.weight or 0.0, self.sag_exponent * (reading.supply or 0.0))
-            return reading.ratio, math.hypot(reading.u, reading.ratio * further)
-        throttle, campaign, chosen = reading.throttle or 0.0, self.quoted.campaign, self.chosen
-        supply = chosen.supply[0] if reading.supply is None else reading.supply
-        mass = campaign.vehicle.mass if reading.mass is None else reading.mass
-        levels = sorted(self.levels)
-        u_far = np.interp(throttle, levels, [self.levels[t][1] / self.levels[t][0] for t in levels])
-        return ratio_of_hover(
-            throttle,
-            mass * campaign.rig.gravity,
-            chosen.payload[0] if reading.weight is None else reading.weight,
-            {t: value for t, (value, _) in self.levels.items()},
-            math.hypot(float(u_far), self.sag_exponent * supply),
-            reading.u,
+            further = math.hypot(given.weight or 0.0, self.sag_exponent * (given.supply or 0.0))
+            return given.ratio, math.hypot(given.u, given.ratio * further)
+        throttle = given.throttle or 0.0
+        if not levels[0] <= throttle <= levels[-1]:
+            raise InputRefused(
+                "throttle",
+                f"{throttle:.3g} is outside {levels[0]:.3g} to {levels[-1]:.3g}, where lift was"
+                " measured",
+                "measure lift at that throttle too",
+            )
+        far, u_far = np.array([self.L_inf_N[t] for t in levels]).T
+        x, y = np.log(levels), np.log(far)
+        mass = campaign.vehicle.mass if given.mass is None else given.mass
+        ratio = mass * campaign.rig.gravity / math.exp(np.interp(math.log(throttle), x, y))
+        above = max(int(np.searchsorted(levels, throttle)), 1)
+        exponents = np.append(np.diff(y) / np.diff(x), 0.0)  # none from a single throttle
+        supply = self.chosen.supply[0] if given.supply is None else given.supply
+        return ratio, ratio * math.hypot(
+            self.chosen.payload[0] if given.weight is None else given.weight,
+            np.interp(throttle, levels, u_far / far),
+            self.sag_exponent * supply,
+            exponents[above - 1] * given.u / throttle,
         )
 
 
@@ -438,17 +386,8 @@ def read(quoted: QuotedLifts, reading: LiftReading) -> HeightReading:
     sensor = BoundarySensor(quoted, reading.boundary)
     sensor.refuse_ambiguous()
     ratio, u = sensor.measured(reading)
-    height = locate(ratio, u, sensor.z_hat, sensor.ratio[1:])
-    z_hat, z_m = (
-        HeightInterval(median=r * height.median, lo90=r * height.lo90, hi90=r * height.hi90)
-        for r in (1.0, quoted.campaign.vehicle.rotor_radius)
-    )
-    alike: dict[Boundary, float] = {}
-    for lift in (quoted.lift(b, 1) for b in fitted if b != reading.boundary):
-        other = grid(*lift.measured_z_hat)
-        at = float(reach(other, lift.ratio()(other), abs(ratio - 1.0)))
-        if (lift.largest_change > 0) == (ratio > 1) and at < lift.measured_z_hat[1]:
-            alike[lift.boundary] = at
+    z_hat, beyond = locate(ratio, u, sensor.z_hat, sensor.ratios[1:])
+    r = quoted.campaign.vehicle.rotor_radius
     return HeightReading(
         boundary=reading.boundary,
         model=sensor.lift.model.name,
@@ -456,32 +395,31 @@ def read(quoted: QuotedLifts, reading: LiftReading) -> HeightReading:
         ratio=ratio,
         u=u,
         z_hat=z_hat,
-        z_m=z_m,
-        beyond=height.beyond,
+        z_m=HeightInterval(median=r * z_hat.median, lo90=r * z_hat.lo90, hi90=r * z_hat.hi90),
+        beyond=beyond,
         within_z_hat=sensor.lift.measured_z_hat,
-        alike=alike,
     )
 
 
 def proximity(
     quoted: QuotedLifts, say: Callable[[str], None]
 ) -> tuple[list[dict[str, object]], ProximityResult, tuple[str, ...]]:
-    """Ranges over averaging times, payloads and supplies (rows of detection.parquet), the sensors,
-    and notes.
-    """
+    """Rows of detection.parquet, content of proximity.json, and notes."""
     chosen = quoted.campaign.detect or Detect()
-    rows, notes = list[dict[str, object]](), list[str]()
-    boundaries: dict[Boundary, BoundaryProximity] = {}
+    rows, boundaries = list[dict[str, object]](), dict[Boundary, BoundaryProximity]()
     for boundary in quoted.boundaries:
         say(f"detect {boundary}")
         sensor = BoundarySensor(quoted, boundary)
         rows += sensor.rows()
-        entry = boundaries[boundary] = sensor.summary()
-        if entry.refused:
-            notes.append(f"{boundary}: distance cannot be inferred from lift: {entry.refused}")
+        boundaries[boundary] = sensor.summary()
     result = ProximityResult(
         false_alarm_rate=chosen.false_alarm_rate,
         miss_rate=chosen.miss_rate,
         boundaries=boundaries,
+    )
+    notes = (
+        f"{boundary}: distance cannot be inferred from lift: {entry.refused}"
+        for boundary, entry in boundaries.items()
+        if entry.refused
     )
     return rows, result, tuple(notes)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +29,7 @@ from nearlift.reduction.quality import rejected
 from nearlift.results import Estimate
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.fit import FitResults
-from nearlift.results.quotation import Correlation, Results
+from nearlift.results.quotation import Results
 
 #: Arguments of a model held at their reference value 1 in flight, where their effects change
 #: nothing: the supply's fall is simulated as droop, and the rotor speed follows from the throttle.
@@ -46,8 +46,6 @@ class QuotedLift:
         The base model composed with the vehicle's effects.
     arguments : mapping
         Keyword arguments of the model other than its parameters.
-    best : mapping of str to float
-        Best estimates of the parameters.
     intervals : mapping of str to Estimate
         Quoted 90 % intervals of the parameters that have one.
     draws : mapping of str to array (number,)
@@ -111,10 +109,8 @@ class QuotedLift:
         return float(self.ratio()(np.array(self.measured_z_hat[:1]))[0] - 1.0)
 
     def droop(self) -> list[float]:
-        """Relative change of lift once the supply has fallen to the lowest on record.
-
-        The first is of the best estimate, the others are of the draws. All are 0 without a sag
-        exponent or known supply.
+        """Relative change of lift once the supply has fallen to the lowest on record, of the best
+        estimate and of every draw; 0 without a sag exponent or known supply.
         """
         left = self.supply_V[1] / self.supply_V[0]
         if "sag_exponent" not in self.best or not np.isfinite(left):
@@ -151,9 +147,8 @@ class QuotedLifts:
 
         They are those of the accepted model where the boundary was diagnosed, else of the base fit.
         """
-        if self.results.boundaries[boundary].verdict == "not_diagnosed":
-            far, noise = self.fits.of_base(boundary).L_inf_N, self.fits.noise[boundary]
-        else:
+        far, noise = self.fits.of_base(boundary).L_inf_N, self.fits.noise[boundary]
+        if self.results.boundaries[boundary].verdict != "not_diagnosed":
             far, noise = self.findings[boundary].L_inf_N, self.findings[boundary].noise
         return {t: (e.value, e.u) for t, e in far.items()}, noise.relative
 
@@ -171,8 +166,16 @@ class QuotedLifts:
         effects = [catalogue.effect(name, quoted.form(name)) for name in quoted.effects]
         flying = [e for e in effects if e.belongs_to == "vehicle"]
         model = compose(base, *flying) if flying else base
-        rng = generator(self.seed, "belief", boundary, base.name)
-        best, draws = drawn_parameters(model.parameters, intervals, quoted.correlation, number, rng)
+        names = [p.name for p in model.parameters]
+        correlation, at = np.eye(len(names)), quoted.correlation.parameters
+        for (i, a), (j, b) in itertools.permutations(enumerate(names), 2):
+            if a in at and b in at:
+                correlation[i, j] = quoted.correlation.values[at.index(a)][at.index(b)]
+        normal = np.empty((0, number))
+        if names:
+            rng = generator(self.seed, "belief", boundary, base.name)
+            zero = np.zeros(len(names))
+            normal = rng.multivariate_normal(zero, correlation, size=number, method="eigh").T
         z_hat = trials["z_hat"][mine]
         supply = trials["supply_V"][mine] if "supply_V" in trials else np.empty(0)
         known = supply[np.isfinite(supply)]
@@ -180,9 +183,15 @@ class QuotedLifts:
             boundary=boundary,
             model=model,
             arguments=self._arguments(model, mine),
-            best=best,
-            intervals={name: intervals[name] for name in best if name in intervals},
-            draws=draws,
+            best={
+                p.name: intervals[p.name].value if p.name in intervals else p.value
+                for p in model.parameters
+            },
+            intervals={name: intervals[name] for name in names if name in intervals},
+            draws={
+                p.name: draws(p, intervals.get(p.name), x)
+                for p, x in zip(model.parameters, normal, strict=True)
+            },
             effects=tuple(e.name for e in flying),
             left=tuple(e.name for e in effects if e not in flying),
             measured_z_hat=(float(z_hat.min()), float(z_hat[np.isfinite(z_hat)].max())),
@@ -195,37 +204,26 @@ class QuotedLifts:
         """Arguments of a model that are constant over a flight; refused where trials differ in
         them, or one distance is not enough.
         """
-        where = f"model {model.name}"
-        if "gap_hat" in model.needs:
-            raise InputRefused(
-                where,
-                "lift between two boundaries is for fits; flights, detection and exports have one"
-                " distance to one boundary",
-                "choose another `base` for them",
-            )
         known = dict.fromkeys(AT_REFERENCE, 1.0) | self.campaign.geometry()
-        for name in set(model.needs) - known.keys():
-            values = np.unique(self.trials.get(name, np.full(len(mine), np.nan))[mine])
-            if len(values) != 1 or np.isnan(values[0]):
+        values = {n: np.unique(self.trials[n][mine]) for n in model.needs if n in self.trials}
+        known |= {
+            n: float(v[0])
+            for n, v in values.items()
+            if n not in known and len(v) == 1 and np.isfinite(v[0])
+        }
+        for name in model.needs:
+            if name == "gap_hat" or name not in known:
                 raise InputRefused(
-                    where,
-                    f"needs {name}, which is not one and the same in all trials, and a flight has"
-                    " one",
+                    f"model {model.name}",
+                    f"needs {name}: flights, detection and exports have one distance, to one"
+                    " boundary, and conditions that are the same in all trials",
                     "choose another `base`, or exclude the trials that differ",
                 )
-            known[name] = float(values[0])
         return {n: known[n] for n in model.needs}
 
 
-def drawn_parameters(
-    parameters: Sequence[Parameter],
-    intervals: Mapping[str, Estimate],
-    known: Correlation,
-    number: int,
-    rng: np.random.Generator,
-) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimates and draws of parameters: a split normal on each quoted 90 % interval,
-    correlated as quoted (Gaussian copula).
+def draws(parameter: Parameter, quoted: Estimate | None, normal: FloatArray) -> FloatArray:
+    """Draws of a parameter from standard normal ones: a split normal on its quoted 90 % interval.
 
     The 5 and 95 % points are the interval's ends, however asymmetric; draws are clipped to the
     parameter's bounds. A parameter that the data do not determine (dof 0) is drawn from its
@@ -233,24 +231,13 @@ def drawn_parameters(
     """
     from scipy.special import ndtr
 
-    if not parameters:
-        return {}, {}
-    correlation, at = np.eye(len(parameters)), {n: i for i, n in enumerate(known.parameters)}
-    for (i, a), (j, b) in itertools.permutations(enumerate(p.name for p in parameters), 2):
-        if a in at and b in at:
-            correlation[i, j] = known.values[at[a]][at[b]]
-    mean = np.zeros(len(parameters))
-    normal = rng.multivariate_normal(mean, correlation, size=number, method="eigh")
-    best, draws = {}, {}
-    for p, n in zip(parameters, normal.T, strict=True):
-        quoted = intervals.get(p.name, Estimate(value=p.value, lo90=p.value, hi90=p.value))
-        best[p.name] = float(quoted.value)
-        if quoted.dof == 0:
-            prior = p.prior.frozen()
-            first, last = prior.cdf(p.bounds)
-            drawn = prior.ppf(first + (last - first) * ndtr(n))
-        else:
-            below, above = quoted.value - quoted.lo90, quoted.hi90 - quoted.value
-            drawn = quoted.value + np.where(n < 0, below, above) / student.NORMAL_90 * n
-        draws[p.name] = np.clip(drawn, *p.bounds)
-    return best, draws
+    if quoted is None:
+        return np.full(len(normal), parameter.value)
+    if quoted.dof == 0:
+        prior = parameter.prior.frozen()
+        first, last = prior.cdf(parameter.bounds)
+        drawn = prior.ppf(first + (last - first) * ndtr(normal))
+    else:
+        width = np.where(normal < 0, quoted.value - quoted.lo90, quoted.hi90 - quoted.value)
+        drawn = quoted.value + width / student.NORMAL_90 * normal
+    return np.asarray(np.clip(drawn, *parameter.bounds))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,14 +17,9 @@ from nearlift.declare import FloatArray
 from nearlift.flight import Ratio
 from nearlift.results.document import IfAny, Numbers, Real
 
-#: Roll inertia of a Crazyflie, kg m^2: lowest and highest of its system identifications.
-MEASURED_INERTIA = (1.4e-5, 1.7e-5)
-#: Relative standard uncertainty of a stated inertia: uniform over that range.
-INERTIA_SPREAD = (
-    (MEASURED_INERTIA[1] - MEASURED_INERTIA[0])
-    / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0])
-    / math.sqrt(3)
-)
+#: Relative standard uncertainty of a stated inertia: uniform over 1.4e-5 to 1.7e-5 kg m^2, the
+#: range of a Crazyflie's system identifications.
+INERTIA_SPREAD = (1.7e-5 - 1.4e-5) / (1.7e-5 + 1.4e-5) / math.sqrt(3)
 #: Least and largest gap, z_hat.
 LEAST_GAP, FARTHEST_GAP = 0.01, 2.0
 
@@ -93,13 +88,13 @@ def roll_beside_wall(
     def rolled(lost: FloatArray) -> RollTorque:
         torque = weight_N / 2 * arm_m * lost
         low, high = np.percentile(torque[1:], [5, 95], axis=0)
-        turning: dict[str, float] = {}
-        if inertia_kg_m2 is not None:
-            per_torque = math.degrees(1.0 / inertia_kg_m2)
-            slow, fast = np.percentile(per_torque * torque[1:, 0] / factor, [5, 95]).tolist()
-            turning = {"lo90_deg_s2": slow, "hi90_deg_s2": fast}
-            turning["acceleration_deg_s2"] = per_torque * float(torque[0, 0])
-        return RollTorque(torque_N_m=torque[0], lo90_N_m=low, hi90_N_m=high, **turning)
+        moment = RollTorque(torque_N_m=torque[0], lo90_N_m=low, hi90_N_m=high)
+        if inertia_kg_m2 is None:
+            return moment
+        turning = math.degrees(1.0 / inertia_kg_m2) * torque[:, 0]
+        slow, fast = np.percentile(turning[1:] / factor, [5, 95]).tolist()
+        at = {"acceleration_deg_s2": float(turning[0]), "lo90_deg_s2": slow, "hi90_deg_s2": fast}
+        return replace(moment, **at)
 
     return Roll(
         arm_m=arm_m,

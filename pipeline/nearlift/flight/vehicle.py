@@ -28,11 +28,6 @@ from nearlift.results.document import Unbounded
 
 #: Direction of lift along z: away from a ground, towards a ceiling.
 LIFT_SIGN: dict[Boundary, float] = {"ground": 1.0, "ceiling": -1.0}
-#: Sign of gains that fly at a boundary, and why.
-RIGHT_SIGN: dict[Boundary, tuple[str, str]] = {
-    "ground": ("negative", "above a ground a vehicle that is too low must turn its rotors faster"),
-    "ceiling": ("positive", "below a ceiling a vehicle that is too close must slow its rotors"),
-}
 #: Largest real part of a stable pole, 1/s: rounding of the pole at zero of an unused integrator.
 POLE_ROUNDING = 1e-9
 
@@ -96,9 +91,23 @@ class Gains:
     kD: float
     kI: float
 
-    def times(self, factor: float) -> Gains:
-        """All three gains by `factor`; -1 is the same controller at the opposite boundary."""
-        return Gains(kP=factor * self.kP, kD=factor * self.kD, kI=factor * self.kI)
+    def poles(self, craft: Craft, boundary: Boundary) -> np.ndarray:
+        """Complex poles (3,), in 1/s, of the loop linearised about hover far from the boundary."""
+        # s^3 = sign * 2 g / f0 * (kD s^2 + kP s + kI)
+        stiffness = LIFT_SIGN[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
+        return np.roots([1.0, -stiffness * self.kD, -stiffness * self.kP, -stiffness * self.kI])
+
+    def refuse_unstable(self, craft: Craft, boundary: Boundary) -> None:
+        """Raise `ManifestError` if the loop is unstable without a boundary, or kP or kD is zero."""
+        worst = float(self.poles(craft, boundary).real.max())
+        if worst > POLE_ROUNDING or self.kP == 0.0 or self.kD == 0.0:
+            raise ManifestError(
+                f"simulate.gains.{boundary}",
+                f"kP = {self.kP:g}, kD = {self.kD:g}, kI = {self.kI:g} do not bring the vehicle"
+                f" back to its set-point (a pole at {worst:+.3g} 1/s)",
+                "kP, kD and kI must be negative above a ground and positive below a ceiling; kP kD"
+                " must be large enough for kI",
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,13 +121,36 @@ class Groups:
     alpha: float
     beta: float
     gamma: float
-    delta: float
+    delta: float = 1.0
     noise: float
     hold: float
     correlation: float
     duration: float
     contact: float = 0.0
     most_lift: Unbounded = math.inf
+
+    @classmethod
+    def scaled(
+        cls,
+        craft: Craft,
+        gains: Gains,
+        gusts: Disturbance,
+        duration_s: float,
+        contact_z_hat: float = 0.0,
+    ) -> Groups:
+        """Groups of a vehicle, its controller and its gusts, with f0 of hover far away."""
+        r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
+        return cls(
+            alpha=gains.kP * r / f,
+            beta=gains.kD * r / t / f,
+            gamma=gains.kI * r * t / f,
+            noise=gusts.sd_N / craft.weight_N,
+            hold=gusts.hold_s / t,
+            correlation=gusts.correlation_s / t,
+            duration=duration_s / t,
+            contact=contact_z_hat,
+            most_lift=craft.most_lift_N / craft.weight_N,
+        )
 
     def gains(self, craft: Craft) -> Gains:
         """Gains that give another vehicle (payload, size) the same alpha, beta and gamma."""
@@ -132,57 +164,3 @@ class Groups:
             hold_s=self.hold * craft.time_s,
             correlation_s=self.correlation * craft.time_s,
         )
-
-
-def dimensionless(
-    craft: Craft,
-    gains: Gains,
-    disturbance: Disturbance,
-    duration_s: float,
-    contact_z_hat: float = 0.0,
-) -> Groups:
-    """Groups of a vehicle, its controller and its gusts, with f0 of hover far away."""
-    r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
-    return Groups(
-        alpha=gains.kP * r / f,
-        beta=gains.kD * r / t / f,
-        gamma=gains.kI * r * t / f,
-        delta=1.0,
-        noise=disturbance.sd_N / craft.weight_N,
-        hold=disturbance.hold_s / t,
-        correlation=disturbance.correlation_s / t,
-        duration=duration_s / t,
-        contact=contact_z_hat,
-        most_lift=craft.most_lift_N / craft.weight_N,
-    )
-
-
-def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
-    """Complex poles (3,), in 1/s, of the loop linearised about hover far from the boundary."""
-    # s^3 = sign * 2 g / f0 * (kD s^2 + kP s + kI)
-    stiffness = LIFT_SIGN[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
-    return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
-
-
-def refuse_unstable(gains: Gains, craft: Craft, boundary: Boundary) -> None:
-    """Refuse gains whose loop is unstable without a boundary.
-
-    Raises
-    ------
-    ManifestError
-        A pole has a positive real part (says which signs would do), or kP or kD is zero.
-    """
-    where, given = f"simulate.gains.{boundary}", f"kP = {gains.kP:g}, kD = {gains.kD:g}"
-    if gains.kP == 0.0 or gains.kD == 0.0:
-        what = f"{given}: without both nothing brings the vehicle back and calms it"
-        raise ManifestError(where, what, "give both")
-    worst, flipped = (
-        float(poles(gains.times(sign), craft, boundary).real.max()) for sign in (1.0, -1.0)
-    )
-    if worst > POLE_ROUNDING:
-        right, reason = RIGHT_SIGN[boundary]
-        remedy = "kP, kD and kI must have one sign, and kD kP must be large enough for kI"
-        if flipped <= POLE_ROUNDING:
-            remedy = f"change the sign of all three: {right} at this boundary"
-        what = f"{given}, kI = {gains.kI:g} make an unstable loop (a pole at {worst:+.3g} 1/s)"
-        raise ManifestError(where, f"{what}: {reason}", remedy)
