@@ -58,19 +58,23 @@ def inside(root: Path, relative: str, key: str) -> tuple[Path, bool]:
     `InputRefused` where it leads outside the campaign's folder, by ``..`` or by a symbolic link.
     `InputRefused` also where it exists but is no regular file.
     """
-    path, status = root / relative, None
-    # links are followed
-    real, where = os.path.realpath(path), f"{key} = {relative!r}"
+    path, status, where = root / relative, None, f"{key} = {relative!r}"
+    # links are followed; of many records, pathlib takes longer
+    folder, name = os.path.split(os.path.abspath(path))  # noqa: PTH100
+    real = os.path.join(_real(folder), name)  # noqa: PTH118
     try:
-        status = os.stat(path)  # noqa: PTH116 - of many records, pathlib takes longer
+        status = os.lstat(path)
+        if not stat.S_ISREG(status.st_mode):
+            real, status = os.path.realpath(path), os.stat(path)  # noqa: PTH116
     except (FileNotFoundError, NotADirectoryError):
-        pass
+        status = None
     except OSError as fault:
         loop = fault.errno == errno.ELOOP
         what = "is a loop of symbolic links" if loop else f"cannot be read: {fault}"
         remedy = "put a readable file into the campaign's folder"
         raise InputRefused(where, what, remedy) from None
-    if not real.startswith(_prefix(root.absolute())) or ".." in path.parts[len(root.parts) :]:
+    campaign = _real(os.path.abspath(root)).rstrip(os.sep)  # noqa: PTH100
+    if not real.startswith(campaign + os.sep) or ".." in path.parts[len(root.parts) :]:
         what = f"leads outside the campaign's folder, to {real}"
         raise InputRefused(where, what, "put the file itself into the folder")
     if status is not None and not stat.S_ISREG(status.st_mode):
@@ -80,9 +84,9 @@ def inside(root: Path, relative: str, key: str) -> tuple[Path, bool]:
 
 
 @functools.lru_cache(maxsize=64)
-def _prefix(root: Path) -> str:
-    """The begin of the real paths of files in a folder."""
-    return os.path.join(os.path.realpath(root), "")  # noqa: PTH118 - with a separator at its end
+def _real(folder: str) -> str:
+    """The real path of a folder that holds many files."""
+    return os.path.realpath(folder)
 
 
 def source_of(root: Path, path: Path) -> str:
