@@ -6,8 +6,12 @@ import re
 import tomllib
 from pathlib import Path
 
+import h5py
+import nptdms
 import numpy as np
+import pyarrow.parquet
 import pytest
+import scipy.io
 from tests.readers.reading import of_trials
 from tests.unit.manifests import manifest
 
@@ -216,6 +220,40 @@ def test_a_clock_in_two_columns_is_read_as_one(
             "records.time.column",
             "a",
         )
+
+
+@pytest.mark.parametrize("name", ["parquet", "hdf5", "mat", "tdms"])
+def test_two_columns_of_binary_files_are_one_clock(tmp_path: Path, name: str) -> None:
+    ticks = np.arange(120) * 25 + 300
+    columns = {"sec": 1_700_000_000 + ticks // 1000, "nanosec": ticks % 1000 * 1_000_000}
+    columns |= {"force": ticks % 7, "note": ticks}
+    column, path = {"hdf5": "/log/{}", "mat": "log.{}", "tdms": "log/{}"}.get(name, "{}"), tmp_path
+    if name == "parquet":
+        trial = {"trial": ["a"] * len(ticks)}
+        pyarrow.parquet.write_table(pyarrow.table(trial | columns), path / "a.parquet")
+    elif name == "hdf5":
+        with h5py.File(path / "a.h5", "w") as file:
+            for key, values in columns.items():
+                file[f"log/{key}"] = values
+    elif name == "mat":
+        scipy.io.savemat(path / "a.mat", {"log": columns})
+    else:
+        with nptdms.TdmsWriter(path / "a.tdms") as writer:
+            writer.write_segment([nptdms.ChannelObject("log", *item) for item in columns.items()])
+    [file] = path.iterdir()
+    given = manifest(
+        load_cell={"sample_rate": "40 Hz"},
+        records={
+            "reader": name,
+            "files": file.name.replace("a.", "a." if name == "parquet" else "{trial}."),
+            "force": {"column": column.format("force"), "unit": "N", "sign": 1},
+            "time": {"column": column.format("sec"), "unit": "s"},
+        },
+    )
+    (record,) = of_trials(name, given, tmp_path, ["a"])
+    assert record.time_s is not None
+    np.testing.assert_allclose(np.diff(record.time_s), 0.025, atol=1e-9)
+    assert "are one clock" in record.notes[0]
 
 
 def test_two_clocks_are_not_joined(tmp_path: Path) -> None:

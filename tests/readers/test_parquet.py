@@ -97,7 +97,7 @@ def test_trials_that_the_schedule_does_not_list_are_noted(tmp_path: Path) -> Non
         ),
         ({"trial": ["a", None], "force": [1, 2]}, "row 2 has no trial"),
         ({"tril": ["a"], "force": [1]}, "no column 'trial'"),
-        ({"trial": ["a"], "forze": [1]}, r"no column 'force'\n  records.force.column = 'forze'\?"),
+        ({"trial": ["a"], "forze": [1]}, "no column 'force'\n  records.force.column = .forze.\\?"),
         ({"trial": ["a"], "force": ["1"]}, "holds string, not numbers"),
     ],
 )

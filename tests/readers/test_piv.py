@@ -4,7 +4,6 @@ with the remedy.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -346,7 +345,7 @@ def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     path = put(tmp_path, b"\x89HDF\r\n\x1a\n" + bytes(100), "a.nc")
     with pytest.raises(InputRefused, match=r"needs the package h5py\n.*nearlift\[netcdf\]"):
-        list(DIALECTS["netcdf"].fields(path))
+        list(piv.netcdf_fields(path))
 
 
 def test_what_a_library_parses_is_parsed_in_another_process(tmp_path, monkeypatch):
@@ -355,9 +354,9 @@ def test_what_a_library_parses_is_parsed_in_another_process(tmp_path, monkeypatc
     def refuse(*_, **__):
         raise AssertionError("parsed in this process")
 
-    assert [name for name, d in DIALECTS.items() if d.guarded] == ["pivlab_mat", "netcdf"]
+    assert [name for name, d in DIALECTS.items() if d.fields] == ["pivlab_mat", "netcdf"]
     path = netcdf(tmp_path / "a.nc")
-    here = [raw.u for raw in DIALECTS["netcdf"].fields(path)]
+    here = [raw.u for raw in piv.netcdf_fields(path)]
     monkeypatch.setattr(h5py, "File", refuse)
     for most in (piv.ANSWER, 0):
         monkeypatch.setattr(piv, "ANSWER", most)
@@ -378,7 +377,7 @@ def test_what_a_library_parses_is_parsed_in_another_process(tmp_path, monkeypatc
         ("davis_decimal_comma_B00001.txt", Setting(), (64, 64), 64 * 64 - 2530),
         (
             "openpiv_exp1_001_b.txt",
-            replace(PX, length_unit="px", velocity_unit="px/frame"),
+            PX._replace(length_unit="px", velocity_unit="px/frame"),
             (22, 30),
             660,
         ),

@@ -27,6 +27,7 @@ from nearlift import units
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError, NearliftError, did_you_mean
 from nearlift.readers import files, guarded
+from nearlift.readers.clock import joined, same_clock, two_columns
 from nearlift.readers.files import MARK, Piece
 from nearlift.readers.guarded import Malformed
 from nearlift.reduction.stretch import usual_step
@@ -179,10 +180,28 @@ def fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
 
 
 def wanted(name: str, names: Names) -> bool:
-    """Whether `pick` may choose this channel for one of these names, so that a reader need not read
-    others; without names all are.
+    """Whether `pick` may choose this channel for one of these names, or it is the other part of a
+    clock in two columns, so that a reader need not read others; without names all are.
     """
-    return names is None or any(fitting((name,), column) for column in names)
+    if names is None:
+        return True
+    return any(fitting((name,), column) or same_clock(name, column) for column in names)
+
+
+def one_clock(contents: Contents) -> Contents:
+    """The channels, clocks of whole seconds and their fractions in two of them joined in the
+    first.
+    """
+    channels, notes = {c.name: c for c in contents.channels}, contents.notes
+    for whole, rest, unit_s in two_columns(tuple(channels)):
+        seconds = joined(channels[whole].values, channels[rest].values, unit_s)
+        if seconds is not None:
+            channels[whole] = replace(channels[whole], unit="s", values=seconds)
+            del channels[rest]
+            pair = f"{whole!r} and {rest!r}"
+            notes = (*notes, f"columns {pair} are one clock: read as seconds from its first")
+    joins = len(notes) > len(contents.notes)
+    return replace(contents, channels=tuple(channels.values()), notes=notes) if joins else contents
 
 
 def rate_of(clock: FloatArray) -> float | None:
@@ -366,8 +385,8 @@ class Reader:
         if self.contents is None:
             raise InputRefused(str(path), f"is no record: {self.name!r} has none", "")
         if self.guarded or files.packing(path):
-            return guarded.run(self.contents, path, dict(dialect), names)
-        return self.contents(path, dialect, names)
+            return one_clock(guarded.run(self.contents, path, dict(dialect), names))
+        return one_clock(self.contents(path, dialect, names))
 
     def places(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, Path]:
         """The file of each trial that has one, a regular file under `root`.

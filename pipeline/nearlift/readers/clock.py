@@ -65,24 +65,34 @@ def seconds_of(cells: Sequence[str]) -> tuple[FloatArray, int | None]:
 
 
 @functools.lru_cache(maxsize=64)
-def two_columns(names: tuple[str, ...]) -> dict[int, tuple[int, float]]:
-    """Clocks in two columns, such as ROS's ``stamp.secs`` and ``stamp.nsecs``: place of the whole
-    seconds -> place and unit, s, of the fractions.
+def two_columns(names: tuple[str, ...]) -> list[tuple[str, str, float]]:
+    """Clocks in two columns, such as ROS's ``stamp.secs`` and ``stamp.nsecs``: names of the whole
+    seconds and of their fractions, and the unit of these, s.
     """
-    parts: dict[str, dict[str, int]] = {}
-    for i, name in enumerate(names):
+    parts: dict[str, dict[str, str]] = {}
+    for name in names:
         if match := _IN_SECONDS.search(name):
-            parts.setdefault(name[: match.start()].lower(), {})[match[1][:1].lower()] = i
-    return {
-        places[""]: (places[sign], unit)
-        for places in parts.values()
-        for sign, unit in _FRACTIONS.items()
-        if "" in places and sign in places
-    }
+            parts.setdefault(name[: match.start()].lower(), {})[match[1][:1].lower()] = name
+    return [
+        (pair[""], pair[sign], unit_s)
+        for pair in parts.values()
+        for sign, unit_s in _FRACTIONS.items()
+        if "" in pair and sign in pair
+    ]
+
+
+def same_clock(name: str, column: str) -> bool:
+    """Whether two names, the second perhaps without its group, may be of a clock in two columns."""
+    one, other = _IN_SECONDS.search(name), _IN_SECONDS.search(column)
+    if one is None or other is None:
+        return False
+    return name[: one.start()].lower().endswith(column[: other.start()].lower())
 
 
 def joined(whole: FloatArray, fractions: FloatArray, unit_s: float) -> FloatArray | None:
     """Seconds from the first whole one (n,) of a clock in two columns; None where they are none."""
+    if len(whole) != len(fractions):
+        return None
     known = np.isfinite(whole) & np.isfinite(fractions)
     parts = unit_s * fractions[known]
     if not (known.any() and (whole[known] % 1 == 0).all() and ((parts >= 0) & (parts < 1)).all()):

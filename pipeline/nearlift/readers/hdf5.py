@@ -7,7 +7,7 @@ What refers to other files (external links, virtual and external storage) is not
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -27,93 +27,80 @@ from nearlift.readers.base import (
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: A two-dimensional dataset with more columns than this is an image.
 MOST_COLUMNS = 64
+#: Attributes that state the rate, and the step between samples; the last one is believed.
+RATES, STEPS = ("fs", "rate", "sampling_rate", "sample_rate"), ("wf_increment", "dt")
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of an HDF5 file; any fault of the file is h5py's to raise."""
-    h5py = library("h5py", "hdf5")
-    notes: list[str] = []
     channels: list[Channel] = []
-    with h5py.File(path, "r") as file:
-        for name, item in datasets(file, notes):
-            channels += columns_of(name, item, names)
+    with library("h5py", "hdf5").File(path, "r") as file:
+        held, notes = datasets(file)
+        for name, item in held:
+            chosen = [column for column in _columns(name, item) if wanted(column[0], names)]
+            unit, rate = _stated(item) if chosen else ("", None)
+            for column, part, place in chosen:
+                values = np.asarray(part[place], dtype=np.float64).reshape(-1)
+                channels.append(Channel(name=column, unit=unit, rate_Hz=rate, values=values))
     return Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
 
 
-def datasets(file: Any, notes: list[str]) -> list[tuple[str, Any]]:
-    """Path and dataset of all that is in this file, each once; what leads out of it is noted."""
+def datasets(file: Any) -> tuple[list[tuple[str, Any]], list[str]]:
+    """Path and dataset of all that this file holds, each once; notes on what leads out of it."""
     from h5py import Dataset, ExternalLink
 
     held: list[tuple[str, Any]] = []
-
-    def look(name: str, item: Any) -> None:
-        if not isinstance(item, Dataset):
-            return
-        if item.is_virtual or item.external:
-            notes.append(f"/{name} has its samples in another file, and was not read")
-        else:
-            held.append((f"/{name}", item))
+    notes: list[str] = []
 
     def note(name: str, link: Any) -> None:
         if isinstance(link, ExternalLink):
             notes.append(f"/{name} is a link to another file, and was not followed")
 
+    def look(name: str, item: Any) -> None:
+        if isinstance(item, Dataset) and (item.is_virtual or item.external):
+            notes.append(f"/{name} has its samples in another file, and was not read")
+        elif isinstance(item, Dataset):
+            held.append((f"/{name}", item))
+
     # neither follows a link by name
     file.visititems_links(note)
     file.visititems(look)
-    return held
+    return held, notes
 
 
-def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
-    """The channels of one dataset."""
-    dtype = item.dtype
+def _columns(name: str, item: Any) -> list[tuple[str, Any, Any]]:
+    """Name, dataset (or its field) and index of each channel of a dataset."""
     # without samples there is no shape
+    kind = item.dtype
     shape: tuple[int, ...] = item.shape or ()
-    chosen: list[tuple[str, Any, Any]] = []
-    if dtype.names:
-        chosen = [
-            (f"{name}/{field}", item.fields(field), ())
-            for field in dtype.names
-            if dtype[field].kind in "iuf" and len(shape) == 1
-        ]
-    elif dtype.kind in "iuf" and len(shape) in (1, 2):
-        if len(shape) == 1 or min(shape) == 1:
-            chosen = [(name, item, ())]
-        elif shape[1] <= MOST_COLUMNS:
-            chosen = [(f"{name}[{i}]", item, np.s_[:, i]) for i in range(shape[1])]
-    chosen = [(path, part, place) for path, part, place in chosen if wanted(path, names)]
-    if not chosen:
-        return
+    if kind.names and len(shape) == 1:
+        fields = [field for field in kind.names if kind[field].kind in "iuf"]
+        return [(f"{name}/{field}", item.fields(field), ()) for field in fields]
+    if kind.kind not in "iuf" or len(shape) not in (1, 2):
+        return []
+    if len(shape) == 1 or min(shape) == 1:
+        return [(name, item, ())]
+    count = shape[1] if shape[1] <= MOST_COLUMNS else 0
+    return [(f"{name}[{i}]", item, np.s_[:, i]) for i in range(count)]
+
+
+def _stated(item: Any) -> tuple[str, float | None]:
+    """Unit and rate, Hz, that the attributes of a dataset state."""
     # most have none, and to look for them takes as long as to open a dataset
-    attributes = (
-        {str(key).casefold(): value for key, value in item.attrs.items()} if len(item.attrs) else {}
-    )
-    stated = next((_text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
-    unit = unit_word(stated) or stated
-    rate = rate_from(attributes)
-    for path, part, place in chosen:
-        values = np.asarray(part[place], dtype=np.float64).reshape(-1)
-        yield Channel(name=path, unit=unit, rate_Hz=rate, values=values)
+    attributes = item.attrs.items() if len(item.attrs) else ()
+    texts = {str(key).casefold(): _text(value) for key, value in attributes}
+    unit, rate = texts.get("unit", texts.get("units", "")), None
+    for key in (*STEPS, *RATES):
+        with contextlib.suppress(KeyError, ValueError):
+            if (number := float(texts[key])) > 0:
+                rate = 1 / number if key in STEPS else number
+    return unit_word(unit) or unit, rate
 
 
 def _text(value: Any) -> str:
     """An attribute as text."""
     plain = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
     return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else str(plain)
-
-
-def rate_from(attributes: Mapping[str, object]) -> float | None:
-    """The rate that attributes state, Hz."""
-    steps = ("dt", "wf_increment")
-    for key in ("sample_rate", "sampling_rate", "rate", "fs", *steps):
-        if key in attributes:
-            try:
-                number = float(_text(attributes[key]))
-            except ValueError:
-                continue
-            if number > 0:
-                return 1 / number if key in steps else number
-    return None
 
 
 READER = Reader(

@@ -9,13 +9,12 @@ clock, that is ``NAME.X_Value``.
 from __future__ import annotations
 
 import itertools
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.base import (
     Channel,
@@ -38,16 +37,8 @@ CLOCK, COMMENT = "X_Value", "Comment"
 
 #: The cells behind the keys of a header.
 Header = Mapping[str, Sequence[str]]
-
-
-@dataclass(kw_only=True)
-class _Series:
-    """One channel: unit, step of its clock as stated, values and clock of each segment."""
-
-    unit: str = ""
-    step_s: float | None = None
-    values: list[FloatArray] = field(default_factory=list)
-    clock: list[FloatArray] = field(default_factory=list)
+#: The parts of a series, one for each segment: its clock, and its values with the stated rate.
+Parts = list[tuple[Channel, Channel]]
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -69,21 +60,46 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         if special or line.startswith("***Start_Special***"):
             special, lines[i] = not line.startswith("***End_Special***"), ""
     about, at = _header(lines, 0, "\t" if "\t" in "".join(lines[:5]) else ",")
-    separator = "," if _at(about, "Separator", 0).casefold() == "comma" else "\t"
-    series: dict[str, _Series] = {}
+    separator = "," if _cell(about, "Separator").casefold() == "comma" else "\t"
+    series: dict[str, Parts] = defaultdict(list)
     starts = [i for i in range(at, len(lines)) if lines[i].startswith(f"Channels{separator}")]
     # a number may be cut within its digits
     cut = text.cut or not starts
     for start, end in itertools.pairwise([*starts, len(lines)]):
         cut |= _read_segment(lines[:end], start, separator, about, series, where)
-    channels, notes = _channels(series, _at(about, "X_Columns", 0).casefold() == "multi")
+    own_clocks = _cell(about, "X_Columns").casefold() == "multi"
+    channels: list[Channel] = []
+    notes: list[str] = []
+    for i, (name, parts) in enumerate(series.items()):
+        clock, values = (
+            np.concatenate([c.values for c in half]) for half in zip(*parts, strict=True)
+        )
+        rate, shown = parts[-1][1].rate_Hz, len(clock) > 2 and np.isfinite(clock).all()
+        if shown:
+            rate, note = _believed(rate, rate_of(clock))
+            notes.append(note)
+        if shown and (own_clocks or i == 0):
+            called = f"{name}.{CLOCK}" if own_clocks else CLOCK
+            channels.append(Channel(name=called, unit="s", rate_Hz=rate, values=clock))
+        unit = parts[-1][1].unit
+        channels.append(Channel(name=name, unit=unit, rate_Hz=rate, values=values))
     chosen = [c for c in channels if wanted(c.name, names)]
     return Contents(
         channels=tuple(chosen or channels),
         kind="LVM",
         codes=("truncated",) * cut + ("NO_DATA",) * (not channels),
-        notes=tuple(dict.fromkeys(notes)),
+        notes=tuple(filter(None, dict.fromkeys(notes))),
     )
+
+
+def _believed(stated: float | None, measured: float | None) -> tuple[float | None, str]:
+    """The rate in the header if the clock has it, else the clock's, with a note."""
+    if stated and measured and abs(measured / stated - 1) <= 0.01:
+        return stated, ""
+    remark = "X_Value and the header agree on no rate"
+    if stated and measured:
+        remark = f"the header says {stated:.6g} Hz, X_Value {measured:.6g} Hz"
+    return measured, f"{remark}: the column is believed"
 
 
 def _refusal(where: str, at: int, what: str) -> InputRefused:
@@ -98,12 +114,16 @@ def _header(lines: Sequence[str], at: int, separator: str) -> tuple[Header, int]
     return {key.strip(): values for key, *values in cells}, end + 1
 
 
+def _cell(header: Header, key: str, i: int = 0) -> str:
+    return "".join(header.get(key, ())[i : i + 1]).strip()
+
+
 def _read_segment(
     lines: Sequence[str],
     start: int,
     separator: str,
     about: Header,
-    series: dict[str, _Series],
+    series: dict[str, Parts],
     where: str,
 ) -> bool:
     """Append the segment that begins at `start`; whether it has fewer rows than it promises."""
@@ -120,7 +140,7 @@ def _read_segment(
         raise _refusal(where, at, "names two columns alike, or one not at all")
     numbers = "".join(c for key in ("X0", "Delta_X") for c in header.get(key, ()))
     usual = "," if "," in numbers and "." not in numbers else "."
-    decimal = _at(about, "Decimal_Separator", 0) or usual
+    decimal = _cell(about, "Decimal_Separator") or usual
     if decimal not in (".", ","):
         raise _refusal(where, 0, f"states the decimal separator {decimal!r}")
     # comments are not read, and may be missing
@@ -134,53 +154,27 @@ def _read_segment(
     layout = Layout(separator=separator, decimal=decimal, names=tuple(columns[:count]))
     body = "".join(f"{row}\n" for row in rows).encode()
     read, _ = parse(Lines(body=body, where=where, line=at + 2), layout, range(count))
+    # each channel has a clock before it and its own end, or all have the first
     several = columns.count(CLOCK) > 1
-    clock = read[0]
-    for i, name in enumerate(columns[:count]):
-        if name == CLOCK:
-            clock = read[i]
-            continue
-        # each channel has a clock before it and its own end, or all have one
-        place = i - 1 if several else names.index(name)
-        kept = np.isfinite(read[i]) | np.isfinite(clock) if several else slice(None)
-        one = series.setdefault(name, _Series())
-        unit = _at(header, "Y_Unit_Label", place)
-        one.unit, one.step_s = unit_word(unit) or unit, layout.value(_at(header, "Delta_X", place))
-        one.values.append(read[i][kept])
-        one.clock.append(clock[kept])
+    places = [i for i in range(count) if columns[i] != CLOCK]
+    for k, i in enumerate(places):
+        clock, values = read[max(j for j in range(i) if columns[j] == CLOCK)], read[i]
+        kept = np.isfinite(values) | np.isfinite(clock) if several else slice(None)
+        place = i - 1 if several else k
+        unit, step = _cell(header, "Y_Unit_Label", place), _cell(header, "Delta_X", place)
+        one = Channel(
+            name=columns[i],
+            unit=unit_word(unit) or unit,
+            rate_Hz=1 / step_s if (step_s := layout.value(step)) else None,
+            values=values[kept],
+        )
+        series[columns[i]].append((Channel(name=CLOCK, values=clock[kept]), one))
     stated = map(Layout().value, header.get("Samples", ()))
     promised = int(max((v for v in stated if v is not None and v >= 1), default=1))
     lasting = sum(map(bool, rows))
     # under one heading, a multiple of them
-    several_headings = (_at(about, "Multi_Headings", 0) or "No").casefold() != "no"
+    several_headings = (_cell(about, "Multi_Headings") or "No").casefold() != "no"
     return lasting < promised or (not several_headings and lasting % promised > 0)
-
-
-def _channels(series: Mapping[str, _Series], several: bool) -> tuple[list[Channel], list[str]]:
-    """The series, each with its rate, and the clocks; remarks on rates that are not so."""
-    channels: list[Channel] = []
-    notes: list[str] = []
-    for i, (name, one) in enumerate(series.items()):
-        clock, values = np.concatenate(one.clock), np.concatenate(one.values)
-        rate = 1 / one.step_s if one.step_s else None
-        if len(clock) > 2 and np.isfinite(clock).all():
-            measured = rate_of(clock)
-            if measured is None or rate is None or abs(measured / rate - 1) > 0.01:
-                remark = "X_Value and the header agree on no rate"
-                if rate and measured:
-                    remark = f"the header says {rate:.6g} Hz, X_Value {measured:.6g} Hz"
-                notes.append(f"{remark}: the column is believed")
-                rate = measured
-            if several or i == 0:
-                called = f"{name}.{CLOCK}" if several else CLOCK
-                channels.append(Channel(name=called, unit="s", rate_Hz=rate, values=clock))
-        channels.append(Channel(name=name, unit=one.unit, rate_Hz=rate, values=values))
-    return channels, notes
-
-
-def _at(header: Header, key: str, i: int) -> str:
-    values = header.get(key, ())
-    return values[i].strip() if 0 <= i < len(values) else ""
 
 
 def _is_lvm(head: bytes, name: str = "") -> bool:

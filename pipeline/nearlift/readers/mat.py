@@ -26,87 +26,79 @@ from nearlift.readers.base import (
 from nearlift.readers.files import head_of
 from nearlift.readers.hdf5 import MAGIC, MOST_COLUMNS, datasets
 
-V73 = b"MATLAB 7.3 MAT-file"
-V5 = b"MATLAB 5.0 MAT-file"
+V73, V5 = b"MATLAB 7.3 MAT-file", b"MATLAB 5.0 MAT-file"
+
+#: Name and matrix of a variable; None for an object, such as a table.
+Variable = tuple[str, Any]
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a MATLAB file; any fault of the file is scipy's or h5py's to raise."""
     head = head_of(path, 1024)
     newest = MAGIC in (head[:8], head[512:520])
+    channels: list[Channel] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        channels, objects = _v73(path) if newest else _v5(path)
-        for name in objects:
-            channels += _table(path, name)
+        variables = [*(_v73(path) if newest else _v5(path))]
+        for name, matrix in sorted(variables, key=lambda variable: variable[1] is None):
+            channels += _table(path, name) if matrix is None else _columns(name, matrix)
     chosen = tuple(c for c in channels if wanted(c.name, names))
     return Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
 
 
-def _v5(path: Path) -> tuple[list[Channel], list[str]]:
-    """Channels, and the names of variables that are objects (tables, timetables)."""
+def _v5(path: Path) -> Iterator[Variable]:
     import scipy.io
     from scipy.io.matlab import MatlabOpaque
 
-    variables = scipy.io.loadmat(
-        str(path), struct_as_record=False, squeeze_me=False, chars_as_strings=True
-    )
-    channels: list[Channel] = []
-    objects: list[str] = []
-    for name, value in variables.items():
+    held = scipy.io.loadmat(str(path), struct_as_record=False, chars_as_strings=True)
+    for name, value in held.items():
         if isinstance(value, MatlabOpaque):
             # an object's own name is inside it
-            objects.append(
-                value["s0"][0].decode() if value.dtype.names and "s0" in value.dtype.names else name
-            )
+            inside = value.dtype.names and "s0" in value.dtype.names
+            yield value["s0"][0].decode() if inside else name, None
         elif not name.startswith("__"):
-            channels += _flat(name, value)
-    return channels, objects
+            yield from _flat(name, value)
 
 
-def _flat(name: str, value: Any) -> Iterator[Channel]:
-    """Numeric arrays below a variable."""
-    fields = getattr(value, "_fieldnames", None)
-    if fields is not None:
+def _flat(name: str, value: Any) -> Iterator[Variable]:
+    """Numeric matrices in a variable, its structs and cells."""
+    if (fields := getattr(value, "_fieldnames", None)) is not None:
         for field in fields:
             yield from _flat(f"{name}.{field}", getattr(value, field))
     elif isinstance(value, np.ndarray) and value.dtype == object:
-        for i, item in enumerate(value.flat):
-            yield from _flat(name if value.size == 1 else f"{name}({i + 1})", item)
+        for i, item in enumerate(value.flat, start=1):
+            yield from _flat(name if value.size == 1 else f"{name}({i})", item)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 2:
-        yield from _columns(name, value)
+        yield name, value
 
 
-def _columns(name: str, value: Any) -> Iterator[Channel]:
-    values = np.array(value, dtype=np.float64, order="F")
-    if min(value.shape) <= 1:
-        yield Channel(name=name, values=values.reshape(-1))
-    elif value.shape[1] <= MOST_COLUMNS:
-        for i in range(value.shape[1]):
-            yield Channel(name=f"{name}(:,{i + 1})", values=values[:, i])
-
-
-def _v73(path: Path) -> tuple[list[Channel], list[str]]:
-    channels: list[Channel] = []
-    objects: list[str] = []
+def _v73(path: Path) -> Iterator[Variable]:
     with library("h5py", "mat").File(path, "r") as file:
-        for name, item in datasets(file, []):
-            kind = item.attrs.get("MATLAB_class", b"double")
-            variable = name.strip("/").replace("/", ".")
-            if name.startswith("/#"):
+        for place, item in datasets(file)[0]:
+            name, attributes = place.strip("/").replace("/", "."), item.attrs
+            # MATLAB keeps under this name what references point to
+            if place.startswith("/#"):
                 continue
-            if "MATLAB_object_decode" in item.attrs:
-                objects.append(variable)
+            if "MATLAB_object_decode" in attributes:
+                yield name, None
             # logicals and texts are integers with another class
             elif (
                 item.dtype.kind in "iuf"
                 and item.ndim == 2
-                and "MATLAB_empty" not in item.attrs
-                and kind not in (b"char", b"logical", b"cell")
+                and "MATLAB_empty" not in attributes
+                and attributes.get("MATLAB_class") not in (b"char", b"logical", b"cell")
             ):
                 # MATLAB's first axis is HDF5's last
-                channels += _columns(variable, np.asarray(item[()]).T)
-    return channels, objects
+                yield name, np.asarray(item[()]).T
+
+
+def _columns(name: str, matrix: Any) -> Iterator[Channel]:
+    values = np.array(matrix, dtype=np.float64, order="F")
+    if min(values.shape) <= 1:
+        yield Channel(name=name, values=values.reshape(-1))
+    elif values.shape[1] <= MOST_COLUMNS:
+        for i, column in enumerate(values.T, start=1):
+            yield Channel(name=f"{name}(:,{i})", values=column)
 
 
 def _table(path: Path, name: str) -> Iterator[Channel]:
@@ -121,8 +113,7 @@ def _table(path: Path, name: str) -> Iterator[Channel]:
         seconds = since.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9
         yield Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=seconds)
     for column in table.columns:
-        values = table[column].to_numpy()
-        if values.dtype.kind in "iuf":
+        if (values := table[column].to_numpy()).dtype.kind in "iuf":
             yield Channel(name=f"{name}.{column}", values=values.astype(np.float64))
 
 

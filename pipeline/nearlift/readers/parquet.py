@@ -6,15 +6,14 @@ memory does not depend on the size of the file.
 
 from __future__ import annotations
 
-import difflib
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
 from nearlift.readers.base import (
@@ -25,12 +24,14 @@ from nearlift.readers.base import (
     Record,
     RecordsDialect,
     names_of,
+    one_clock,
+    pick,
     record_of,
+    wanted,
 )
 from nearlift.readers.files import MARK, Piece, inside, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.table import floats
-from nearlift.readers.text import with_rate
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -52,107 +53,95 @@ def _opened(path: Path) -> pq.ParquetFile:
     """The file, its page checksums verified where the writer left any."""
     import pyarrow.parquet as pq
 
-    here = TRIAL in pq.read_schema(path).names
+    here = [TRIAL] if TRIAL in pq.read_schema(path).names else None
     return pq.ParquetFile(
-        path,
-        read_dictionary=[TRIAL] if here else None,
-        page_checksum_verification=True,
-        buffer_size=1 << 20,
+        path, read_dictionary=here, page_checksum_verification=True, buffer_size=1 << 20
     )
 
 
-def _is_numeric(kind: pa.DataType) -> bool:
-    import pyarrow as pa
+def _numeric(schema: pa.Schema, names: Names) -> list[str]:
+    """The wanted columns of numbers."""
+    from pyarrow.types import is_floating, is_integer
 
-    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))
+    numbers = [field.name for field in schema if is_integer(field.type) or is_floating(field.type)]
+    return [name for name in numbers if wanted(name, names)]
 
 
-def spans(path: Path, wanted: Mapping[str, str]) -> dict[str, tuple[int, int]]:
+def _channels(table: pa.Table) -> tuple[Channel, ...]:
+    columns = zip(table.column_names, table.columns, strict=True)
+    return tuple(Channel(name=name, values=floats(c.combine_chunks())) for name, c in columns)
+
+
+def spans(path: Path, asked: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     """First row and end of every trial, in the table's order.
 
     Raises
     ------
     InputRefused
-        It lacks a wanted column of numbers (manifest's key to name). Or a row has no trial, or the
-        rows of a trial do not follow one another.
+        It lacks a column that is asked for (manifest's key to name), or that is not of numbers. Or
+        a row has no trial, or the rows of a trial do not follow one another.
     """
-    rows: dict[str, tuple[int, int]] = {}
+    firsts: dict[str, int] = {}
     at, last = 0, None
     with _opened(path) as file:
-        _check_columns(path, file.schema_arrow, wanted)
+        schema = file.schema_arrow
+        if schema.names.count(TRIAL) != 1:
+            what = f"has {'more than one' if TRIAL in schema.names else 'no'} column {TRIAL!r}"
+            raise InputRefused(str(path), what, f"it has {', '.join(schema.names)}")
+        columns = [Channel(name=name, values=np.empty(0)) for name in schema.names]
+        for key, name in asked.items():
+            column = pick(columns, name, key, str(path)).name
+            if column not in _numeric(schema, None):
+                what = f"column {column!r} holds {schema.field(column).type}, not numbers"
+                raise InputRefused(str(path), what, "write it as integers or floats")
         for batch in file.iter_batches(BATCH, columns=[TRIAL], use_threads=False):
-            column = batch.column(0)
-            if column.null_count:
-                what = f"row {at + column.is_null().to_pylist().index(True) + 1} has no trial"
+            trial = batch.column(0)
+            if trial.null_count:
+                what = f"row {at + trial.is_null().to_pylist().index(True) + 1} has no trial"
                 raise InputRefused(str(path), what, "every sample belongs to a trial")
-            column = column.dictionary_encode() if not hasattr(column, "indices") else column
-            codes = np.from_dlpack(column.indices)
-            starts = np.flatnonzero(np.diff(codes, prepend=-1)).tolist()
-            for start, end in zip(starts, [*starts[1:], len(codes)], strict=True):
-                name = str(column[start].as_py())
-                first = rows.get(name, (at + start, 0))[0]
-                if name in rows and name != last:
-                    raise InputRefused(
-                        str(path),
-                        f"has trial {name!r} in two places, at rows {first + 1} and"
-                        f" {at + start + 1}",
-                        "sort the table by trial, keeping the samples' order",
-                    )
-                rows[name], last = (first, at + end), name
+            trial = trial if hasattr(trial, "indices") else trial.dictionary_encode()
+            starts = np.flatnonzero(np.diff(np.from_dlpack(trial.indices), prepend=-1))
+            for start in starts.tolist():
+                if (name := str(trial[start].as_py())) == last:
+                    continue
+                if name in firsts:
+                    rows = f"rows {firsts[name] + 1} and {at + start + 1}"
+                    what = f"has trial {name!r} in two places, at {rows}"
+                    remedy = "sort the table by trial, keeping the samples' order"
+                    raise InputRefused(str(path), what, remedy)
+                firsts[name], last = at + start, name
             at += batch.num_rows
-    return rows
+    return dict(zip(firsts, itertools.pairwise([*firsts.values(), at]), strict=True))
 
 
-def _check_columns(path: Path, schema: pa.Schema, wanted: Mapping[str, str]) -> None:
-    """Refuse a table without the trial's column, or without a wanted one of numbers."""
-    for key, name in (("", TRIAL), *wanted.items()):
-        if schema.names.count(name) != 1:
-            close = difflib.get_close_matches(name, schema.names, n=1)
-            raise InputRefused(
-                str(path),
-                f"has {'no' if name not in schema.names else 'more than one'} column {name!r}",
-                f"{key} = {close[0]!r}?" if close and key else f"it has {', '.join(schema.names)}",
-            )
-        kind = schema.field(name).type
-        if name != TRIAL and not _is_numeric(kind):
-            what = f"column {name!r} holds {kind}, not numbers"
-            raise InputRefused(str(path), what, "write it as integers or floats")
+def rows(path: Path, names: Names, first: int, end: int) -> tuple[Channel, ...]:
+    """The wanted columns from row `first` up to `end`."""
+    import pyarrow as pa
 
-
-def rows(path: Path, names: Sequence[str], first: int, end: int) -> list[FloatArray]:
-    """The named columns from row `first` up to `end`."""
-    held: list[list[FloatArray]] = [[] for _ in names]
+    batches = []
     with _opened(path) as file:
         counts = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
-        ends = np.cumsum(counts)
-        group = int(np.searchsorted(ends, first, side="right"))
-        at = int(ends[group] - counts[group])
-        groups = range(group, file.num_row_groups)
-        for batch in file.iter_batches(BATCH, groups, columns=list(names), use_threads=False):
-            part = slice(max(first - at, 0), min(end - at, batch.num_rows))
-            if part.start < part.stop:
-                for values, name in zip(held, names, strict=True):
-                    values.append(floats(batch.column(name))[part])
+        group = int(np.searchsorted(np.cumsum(counts), first, side="right"))
+        at, groups = sum(counts[:group]), range(group, len(counts))
+        columns = _numeric(file.schema_arrow, names)
+        for batch in file.iter_batches(BATCH, groups, columns=columns, use_threads=False):
+            skipped = max(first - at, 0)
+            if skipped < batch.num_rows:
+                batches.append(batch.slice(skipped, end - at - skipped))
             at += batch.num_rows
             if at >= end:
                 break
-    return [np.concatenate(values) for values in held]
+    return _channels(pa.Table.from_batches(batches))
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The numeric columns of a table, with a note where it has no column `trial`."""
     with _opened(path) as file:
         schema = file.schema_arrow
-        numeric = [f.name for f in schema if _is_numeric(f.type)]
-        wanted = [name for name in numeric if names is None or name in names]
-        table = file.read(columns=wanted, use_threads=False)
-    channels = tuple(
-        Channel(name=name, values=floats(table[name].combine_chunks()))
-        for name in table.column_names
-    )
-    without = 'it has no column "trial", which reader = "parquet" needs'
-    notes = () if TRIAL in schema.names else (without,)
-    return with_rate(Contents(channels=channels, kind="Parquet", notes=notes))
+        channels = _channels(file.read(columns=_numeric(schema, names), use_threads=False))
+    notes = ['it has no column "trial", which reader = "parquet" needs']
+    notes = [] if TRIAL in schema.names else notes
+    return Contents(channels=channels, kind="Parquet", notes=tuple(notes))
 
 
 # ---- the reader
@@ -195,36 +184,37 @@ class LongTable(Reader):
         """Stretches of trials, each of at least `ROWS` rows."""
         [path] = {*self.places(campaign, root, trials).values()}
         keys = ("records.force.column", "records.time.column")
-        columns = dict(zip(keys, names_of(campaign, MARK), strict=False))
-        held, listed = _asked(spans, path, columns), set(trials)
+        asked = dict(zip(keys, names_of(campaign, MARK), strict=False))
+        held, listed = _asked(spans, path, asked), set(trials)
         other = [name for name in held if name not in listed]
         notes = [
             f"{source_of(root, path)} holds {len(other)} trials that the schedule does not list,"
             f" such as {name!r}; they were left out"
             for name in other[:1]
         ]
-        here = [(name, span) for name, span in held.items() if name in listed]
-        pieces, begin = [], 0
-        for i, (_, (_, end)) in enumerate(here, start=1):
-            if i == len(here) or end - here[begin][1][0] >= ROWS:
-                names, rows = zip(*here[begin:i], strict=True)
-                pieces.append(Piece(trials=names, paths=(path,), rows=rows))
-                begin = i
-        return pieces, notes
+        pieces: list[Piece] = []
+        stretch: dict[str, tuple[int, int]] = {}
+        for name in (name for name in held if name in listed):
+            stretch[name] = held[name]
+            if held[name][1] - next(iter(stretch.values()))[0] >= ROWS:
+                pieces.append(_piece(path, stretch))
+                stretch = {}
+        return [*pieces, *[_piece(path, stretch)] * bool(stretch)], notes
 
     def read_piece(
         self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False
     ) -> Iterator[Record]:
         """The piece's records in the plan's order."""
-        path, names, first = piece.paths[0], names_of(campaign, MARK), piece.rows[0][0]
-        columns = _asked(rows, path, names, first, piece.rows[-1][1])
+        path, first = piece.paths[0], piece.rows[0][0]
+        columns = _asked(rows, path, names_of(campaign, MARK), first, piece.rows[-1][1])
         for trial, (start, end) in zip(piece.trials, piece.rows, strict=True):
-            channels = tuple(
-                Channel(name=name, values=values[start - first : end - first])
-                for name, values in zip(names, columns, strict=True)
-            )
-            contents = Contents(channels=channels)
-            yield record_of(campaign, contents, trial, str(path), source_of(root, path))
+            part = slice(start - first, end - first)
+            read = Contents(channels=tuple(replace(c, values=c.values[part]) for c in columns))
+            yield record_of(campaign, one_clock(read), trial, str(path), source_of(root, path))
+
+
+def _piece(path: Path, spans: Mapping[str, tuple[int, int]]) -> Piece:
+    return Piece(trials=tuple(spans), paths=(path,), rows=tuple(spans.values()))
 
 
 READER = LongTable(

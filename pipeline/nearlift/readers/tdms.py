@@ -9,7 +9,6 @@ it may be older.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO
 
@@ -27,7 +26,7 @@ from nearlift.readers.base import (
 )
 from nearlift.readers.guarded import Malformed
 
-LEAD_IN = 28
+LEAD_IN, TAGS = 28, (b"TDSm", b"TDSh")
 #: What a writer puts for the length of a segment that it has not finished.
 UNFINISHED = 0xFFFFFFFFFFFFFFFF
 
@@ -38,35 +37,35 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     channels = []
     # by handle: given a path, nptdms would use an index file next to it
     with path.open("rb") as file:
-        if file.read(4) not in (b"TDSm", b"TDSh"):
+        if file.read(4) not in TAGS:
             raise Malformed("does not begin as TDMS does")
         file.seek(0)
         tdms = nptdms.TdmsFile.open(file)
-        for group in tdms.groups():
-            for channel in group.channels():
-                name = f"{group.name}/{channel.name}"
-                if channel.dtype.kind not in "iuf" or not wanted(name, names):
-                    continue
-                # an unequal number of read and promised samples is nptdms's to see; here it becomes
-                # floats
-                values = np.asarray(channel[:], dtype=np.float64)
-                step = channel.properties.get("wf_increment")
-                steady = isinstance(step, (int, float, np.number)) and float(step) > 0
-                rate = 1 / float(step) if steady else None
-                channels.append(
-                    Channel(name=name, unit=_unit(channel.properties), rate_Hz=rate, values=values)
+        for channel in (channel for group in tdms.groups() for channel in group.channels()):
+            name, stated = f"{channel.group_name}/{channel.name}", channel.properties
+            if channel.dtype.kind not in "iuf" or not wanted(name, names):
+                continue
+            unit = str(stated.get("unit_string") or stated.get("NI_UnitDescription") or "")
+            step = stated.get("wf_increment")
+            steady = isinstance(step, (int, float, np.number)) and float(step) > 0
+            channels.append(
+                Channel(
+                    name=name,
+                    unit=unit_word(unit) or unit,
+                    rate_Hz=1 / float(step) if steady else None,
+                    values=np.asarray(channel[:], dtype=np.float64),
                 )
-        cut = tdms.file_status.incomplete_final_segment or not whole(file)
+            )
+        cut = tdms.file_status.incomplete_final_segment or not is_whole(file)
     return Contents(channels=tuple(channels), kind="TDMS", codes=("truncated",) if cut else ())
 
 
-def whole(file: BinaryIO) -> bool:
+def is_whole(file: BinaryIO) -> bool:
     """Whether the segments' own lengths add up to the file's.
 
-    nptdms's flag misses a cut within a segment's head.
-
-    A lead-in is a tag, a table of contents, a version, and the bytes to the next lead-in and to the
-    samples. Bit 6 of the table of contents means big endian.
+    nptdms's flag misses a cut within a segment's head. A lead-in is a tag, a table of contents, a
+    version, and the bytes to the next lead-in and to the samples. Bit 6 of the table of contents
+    means big endian.
     """
     size, at = file.seek(0, 2), 0
     while at + LEAD_IN <= size:
@@ -79,18 +78,13 @@ def whole(file: BinaryIO) -> bool:
     return at == size
 
 
-def _unit(properties: Mapping[str, object]) -> str:
-    stated = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "")
-    return unit_word(stated) or stated
-
-
 READER = Reader(
     name="tdms",
     title=(
         "TDMS of National Instruments: a file per trial, or one for all with groups named by trial"
         " (extra)"
     ),
-    recognises=lambda head, name: head.startswith((b"TDSm", b"TDSh")),
+    recognises=lambda head, name: head.startswith(TAGS),
     contents=contents,
     guarded=True,
 )

@@ -38,7 +38,7 @@ from nearlift.readers.base import (
     rate_of,
     split_unit,
 )
-from nearlift.readers.clock import is_time, joined, seconds_of, two_columns
+from nearlift.readers.clock import is_time, seconds_of, two_columns
 from nearlift.readers.dialect import (
     OPTIONS,
     Dialect,
@@ -230,7 +230,6 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     row = _cells(body[:HEAD].lstrip(b"\n"), layout)[: len(layout.names)]
     words = {i for i, cell in enumerate(row) if layout.value(cell) is None}
     spelled = {i for i in words if is_time(row[i]) or parted(row[i])[1]}
-    clocks = two_columns(layout.names)
     if names is None:
         chosen = {*layout.numeric} | spelled & {*layout.texts}
         notes += [
@@ -248,8 +247,10 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
             place = f"{where}, line {max(layout.first - 1, 1)}"
             # refuses: none of them fits
             pick(channels, names[0], "records.force.column", place)
-        pairs = ({whole, rest} for whole, (rest, _) in clocks.items())
-        chosen = chosen.union(*(pair for pair in pairs if pair & chosen))
+        clocks = [{*pair} for *pair, _ in two_columns(layout.names)]
+        named = {layout.names[i] for i in chosen}
+        also = set[str]().union(*(pair for pair in clocks if pair & named))
+        chosen |= {i for i, name in enumerate(layout.names) if name in also}
     numbers, others = sorted(chosen - spelled), sorted(chosen & spelled)
     arrays, texts = parse(rows, layout, numbers, others)
     columns = {i: (layout.units[i], values) for i, values in zip(numbers, arrays, strict=True)}
@@ -268,14 +269,6 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
         if names is not None:
             raise InputRefused(f"{where}, line {line}", what, CORRECT_LINE)
         notes.append(f"column {name!r} is not read: line {line} {what}")
-    for whole, (rest, unit_s) in clocks.items():
-        both = {whole, rest} <= columns.keys()
-        seconds = joined(columns[whole][1], columns[rest][1], unit_s) if both else None
-        if seconds is not None:
-            columns[whole] = "s", seconds
-            del columns[rest]
-            pair = f"{layout.names[whole]!r} and {layout.names[rest]!r}"
-            notes.append(f"columns {pair} are one clock: read as seconds from its first")
     return Contents(
         channels=tuple(
             Channel(name=layout.names[i], unit=unit, values=values)
