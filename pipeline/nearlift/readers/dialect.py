@@ -75,34 +75,33 @@ UNSTATED = Dialect()
 
 def given(stated: RecordsDialect) -> Dialect:
     """The manifest's dialect as the sniffer takes it; `ManifestError` of a value that cannot be."""
-    plain: dict[str, Any] = {key: stated[key] for key in OPTIONS if key in stated}
     options: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in plain.items()
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in stated.items()
+        if key in OPTIONS
     }
     said = Dialect(**options)
-    sign, is_encoding = said.thousands, False
+    sign, encoding = said.thousands, said.encoding or "utf-8"
+    is_sign = not sign or not (len(sign) > 1 or sign.isalnum() or sign in "+-")
     with contextlib.suppress(LookupError):
-        is_encoding = codecs.lookup(said.encoding or "utf-8") is not None
-    wrong = {
-        key: "holds more than texts"
-        for key, value in plain.items()
-        if isinstance(value, list) and not all(isinstance(item, str) for item in value)
-    }
-    if said.units and len(said.units) != len(said.columns):
-        wrong.setdefault("units", "has not one for each column")
-    if said.decimal not in ("", ".", ","):
-        wrong["decimal"] = 'is neither "." nor ","'
-    if len(sign) > 1 or sign.isalnum() or sign in ("+", "-"):
-        wrong["thousands"] = 'is no sign between thousands, as ",", "." or "\'"'
-    elif sign and sign == said.decimal:
-        wrong["thousands"] = "is the decimal sign as well"
-    if said.skip < 0:
-        wrong["skip"] = "is negative"
-    if not is_encoding:
-        wrong["encoding"] = 'is no encoding, as "utf-8", "utf-16" or "latin-1"'
-    for key, what in wrong.items():
-        where = f"records.dialect.{key}"
-        raise ManifestError(where, f"{plain[key]!r} {what}", "see docs/formats.md")
+        encoding = codecs.lookup(encoding) and ""
+    checks = [
+        *(
+            (key, not all(isinstance(item, str) for item in value), "holds more than texts")
+            for key, value in options.items()
+            if isinstance(value, tuple)
+        ),
+        ("units", len(said.units) not in (0, len(said.columns)), "has not one for each column"),
+        ("decimal", said.decimal not in ("", ".", ","), 'is neither "." nor ","'),
+        ("thousands", not is_sign, 'is no sign between thousands, as ",", "." or "\'"'),
+        ("thousands", sign and sign == said.decimal, "is the decimal sign as well"),
+        ("skip", said.skip < 0, "is negative"),
+        ("encoding", encoding, 'is no encoding, as "utf-8", "utf-16" or "latin-1"'),
+    ]
+    for key, is_wrong, what in checks:
+        if is_wrong:
+            where = f"records.dialect.{key}"
+            raise ManifestError(where, f"{stated[key]!r} {what}", "see docs/formats.md")
     return said
 
 
@@ -141,10 +140,14 @@ def encoding_of(head: bytes, where: str) -> str:
 class Unfit(InputRefused):
     """Refusal of one pair of signs, which could read `lines` lines (infinity: refused in any case).
 
-    Of several refusals that with most lines is shown.
+    Of several refusals that with most lines is shown. A row without names has `columns` cells.
     """
 
-    lines: float
+    def __init__(
+        self, lines: float, where: str, what: str, remedy: str = "", columns: int = 0
+    ) -> None:
+        super().__init__(where, what, remedy)
+        self.lines, self.columns = lines, columns
 
 
 class NoRows(Unfit):
@@ -153,16 +156,6 @@ class NoRows(Unfit):
 
 class NoNames(Unfit):
     """Rows of so many numbers, without names above them."""
-
-    columns: int
-
-
-def _unfit(
-    lines: float, where: str, what: str, remedy: str = "", kind: type[Unfit] = Unfit
-) -> Unfit:
-    refusal = kind(where, what, remedy)
-    refusal.lines = lines
-    return refusal
 
 
 def sniff(
@@ -274,22 +267,22 @@ def _fitted(
         remedy = f"name all: dialect = {{ skip = {start}, columns = [...] }} under [records]"
         if "," in lines[start]:
             remedy = "a decimal comma splits a cell: save with points, or semicolons between cells"
-        raise _unfit(0, at, what, remedy)
+        raise Unfit(0, at, what, remedy)
     # a separator that cuts nothing, and one that is there and does not cut
     bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
     uncut = signs.separator and len(names) < 2 and not (trailing or said.separator)
     if uncut or (signs.separator == NONE and not said.columns and re.search(r"[,;\t|]", bare)):
-        raise _unfit(-2, where, "is one column" if uncut else "is not one column")
+        raise Unfit(-2, where, "is one column" if uncut else "is not one column")
     if twice := sorted({name for name in names if names.count(name) > 1}):
         what = f"has more than one column {twice[0]!r}"
         remedy = "rename or drop one of them, or name all: dialect = { columns = [...] } under"
         several = f"{remedy} [records]; several tables go into files of their own"
-        raise _unfit(math.inf, f"{where}, line {top + 1}", what, several)
+        raise Unfit(math.inf, f"{where}, line {top + 1}", what, several)
     texts = {i for i in range(len(names)) if signs.value(row[i]) is None}
     if texts and row[min(texts)].endswith(":"):
         what = f"labels its cells: {' '.join(row[min(texts) :][:2])!r}"
         remedy = "dialect = { labels = true } under [records], where every line has the same"
-        raise _unfit(len(lines), at, what, f"such cells are read by {remedy}")
+        raise Unfit(len(lines), at, what, f"such cells are read by {remedy}")
     layout = replace(signs, trailing=trailing, names=names, units=units, first=start + 1)
     # columns without a cell so far, which may be of words
     blank = {i for i in range(len(names)) if not row[i]}
@@ -307,7 +300,7 @@ def _fitted(
             blank = {i for i in blank if not cells[i]}
             numbers = [layout.number(cells[i], at, names[i]) for i in chosen if i not in texts]
         except InputRefused as bad:
-            raise _unfit(k - start, bad.where, bad.what, bad.remedy) from None
+            raise Unfit(k - start, bad.where, bad.what, bad.remedy) from None
         if len(read) < READ:
             read.append(tuple(0.5 if value != value else value for value in numbers))
     return replace(layout, texts=tuple(sorted(texts))), (names, tuple(read))
@@ -350,7 +343,7 @@ def _first_row(lines: Sequence[str], where: str, signs: Layout, skip: int, stric
         if None in values or not lines[at].strip():
             first = at + 1
     remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
-    raise _unfit(-1, where, "holds no row of numbers in any known dialect", remedy, NoRows)
+    raise NoRows(-1, where, "holds no row of numbers in any known dialect", remedy)
 
 
 def _header(
@@ -374,9 +367,7 @@ def _header(
         cells, more = f"{len(row)} cell{'s' * (len(row) > 1)}", ", ..." * (len(row) > 1)
         what = f"has no columns' names above its rows of {cells}"
         remedy = f'name them: dialect = {{ columns = ["force"{more}] }} under [records]'
-        refusal = NoNames(at, what, remedy)
-        refusal.lines, refusal.columns = 1, len(row)
-        raise refusal
+        raise NoNames(1, at, what, remedy, len(row))
     return lower, tuple(split_unit(name)[1] for name in lower), above[0]
 
 

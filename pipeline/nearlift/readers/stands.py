@@ -41,7 +41,7 @@ from nearlift.readers.base import (
 from nearlift.readers.dialect import Dialect
 from nearlift.readers.files import content_of
 from nearlift.readers.table import Layout
-from nearlift.readers.text import by_layout, plain, with_rate
+from nearlift.readers.text import by_layout, plain
 
 #: Lift from which on rotors turn, whatever their speed channel reads, N.
 MIN_LIFT_N = 0.02
@@ -129,8 +129,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     file = by_layout(text, layout, also, str(path))
     empty = not file.channels or not len(file.channels[0].values)
     codes = (*file.codes, *["dead_speed"] * _dead(file, speeds), *["NO_DATA"] * empty)
-    file = replace(file, kind=stand.title, codes=codes, notes=())
-    return with_rate(file) if names is None else file
+    return replace(file, kind=stand.title, codes=codes, notes=())
 
 
 def _dead(file: Contents, speeds: list[str]) -> bool:

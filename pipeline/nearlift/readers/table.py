@@ -59,20 +59,10 @@ CORRECT_LINE = "correct the line, or take the trial out of the schedule"
 class Layout:
     """The complete dialect of a text table.
 
-    Attributes
-    ----------
-    separator : str
-        One character, `BLANKS` or `NONE`.
-    decimal, thousands : str
-        The decimal sign, ``.`` or ``,``; the sign between thousands, if any.
-    trailing : int
-        Number of separators, and so of blank cells, at the end of every line.
-    names, units : tuple of str
-        The columns.
-    first : int
-        Line of the first row, from 1.
-    texts : tuple of int
-        Indices of the columns that hold text.
+    `separator` is one character, `BLANKS` or `NONE`. `decimal` is the sign ``.`` or ``,``, and
+    `thousands` the sign between thousands, if any. `trailing` counts the separators at the end of
+    every line. `names` and `units` are the columns', and `texts` the indices of those of words.
+    `first` is the line of the first row, from 1.
     """
 
     separator: str = ","
@@ -83,11 +73,6 @@ class Layout:
     units: tuple[str, ...] = ()
     first: int = 1
     texts: tuple[int, ...] = ()
-
-    @property
-    def numeric(self) -> list[int]:
-        """Indices of the columns of numbers."""
-        return [i for i in range(len(self.names)) if i not in self.texts]
 
     def split(self, line: str) -> list[str]:
         """The cells of one line without the blanks around them. `csv.Error` where a quote has no
@@ -109,23 +94,23 @@ class Layout:
             point = plain.replace(self.thousands, "_").replace(self.decimal, ".")
             if groups := GROUPED.fullmatch(point):
                 plain = groups[1].replace("_", "") + groups[2].replace(".", self.decimal)
-        if self.decimal == "," and not NO_NUMBER.fullmatch(plain):
+        if NO_NUMBER.fullmatch(plain):
+            return math.nan
+        if self.decimal == ",":
             # a point would part thousands, or belong to another dialect: neither is a number here
             plain = "?" if "." in plain else plain.replace(",", ".")
-        if NUMBER.fullmatch(plain):
-            return value if math.isfinite(value := float(plain)) else math.nan
-        return math.nan if NO_NUMBER.fullmatch(plain) else None
+        if not NUMBER.fullmatch(plain):
+            return None
+        return value if math.isfinite(value := float(plain)) else math.nan
 
     def number(self, cell: str, at: str, column: str) -> float:
         """The number of a cell, NaN for "no number"; `InputRefused` of anything else."""
-        value = self.value(cell)
-        if value is None:
-            raise InputRefused(
-                at,
-                f"{cell!r} in column {column!r} is not a number",
-                f'{CORRECT_LINE}; other signs: reader = "text" with dialect = {{ decimal ='
-                ' "...", thousands = "..." } under [records]',
+        if (value := self.value(cell)) is None:
+            remedy = (
+                f'{CORRECT_LINE}; other signs: reader = "text" with dialect = {{ decimal = "...",'
+                ' thousands = "..." } under [records]'
             )
+            raise InputRefused(at, f"{cell!r} in column {column!r} is not a number", remedy)
         return value
 
     def row(self, line: str, at: str) -> list[str]:
@@ -138,32 +123,33 @@ class Layout:
             row = self.split(line)
         except csv.Error as fault:
             raise InputRefused(at, f"is not a row of cells: {fault}", CORRECT_LINE) from None
-        if len(row) == len(self.names) + self.trailing and not any(row[len(self.names) :]):
-            row = row[: len(self.names)]
+        count = len(self.names)
+        if len(row) == count + self.trailing and not any(row[count:]):
+            row = row[:count]
         if row == list(self.names):
             what = "repeats the header: two records are in one file"
             raise InputRefused(at, what, "give each trial a file of its own")
-        if len(row) != len(self.names):
+        if len(row) != count:
             line_begin = json.dumps(line.strip()[:40], ensure_ascii=False)
-            raise InputRefused(
-                at,
-                f"has {len(row)} cells under {len(self.names)} column names",
+            remedy = (
                 f"{CORRECT_LINE}; lines that the rig writes between rows are left out by reader ="
                 f' "text" with dialect = {{ ignore = [{line_begin}] }} under [records]; a second'
-                " table goes into a file of its own",
+                " table goes into a file of its own"
             )
+            raise InputRefused(at, f"has {len(row)} cells under {count} column names", remedy)
         return row
 
     @property
     def spoken(self) -> str:
         """The dialect in words; empty for plain CSV."""
-        parts = {
-            f"separated by {SPOKEN.get(self.separator, repr(self.separator))}": self.separator
-            not in (",", NONE),
-            "decimal commas": self.decimal == ",",
-            f"{self.thousands!r} between thousands": self.thousands,
-        }
-        return ", ".join(part for part, applies in parts.items() if applies)
+        parts = []
+        if self.separator not in (",", NONE):
+            parts.append(f"separated by {SPOKEN.get(self.separator, repr(self.separator))}")
+        if self.decimal == ",":
+            parts.append("decimal commas")
+        if self.thousands:
+            parts.append(f"{self.thousands!r} between thousands")
+        return ", ".join(parts)
 
 
 # ---- columns
@@ -185,11 +171,8 @@ class Lines:
             text = io.StringIO(self.body.decode("utf-8"), newline="\n")
         except UnicodeDecodeError as fault:
             bad = self.body.count(b"\n", 0, fault.start) + self.line
-            raise InputRefused(
-                f"{self.where}, line {bad}",
-                "is not UTF-8 text",
-                "the file is damaged or in another encoding; save it as UTF-8",
-            ) from None
+            remedy = "the file is damaged or in another encoding; save it as UTF-8"
+            raise InputRefused(f"{self.where}, line {bad}", "is not UTF-8 text", remedy) from None
         for number, line in enumerate(text, start=self.line):
             if line.strip():
                 yield number, line.rstrip("\r\n")
@@ -215,34 +198,27 @@ def parse(
 
     if layout.thousands or b"\0" in rows.body:
         return by_line(rows, layout, numbers, texts)
-    body, separator = rows.body, layout.separator
-    quotes = body.count(b'"') if b'"' in body else 0
+    body, separator, quotes = rows.body, layout.separator, rows.body.count(b'"')
     if separator == BLANKS:
         cells = (filter(None, line.split(b" ")) for line in body.replace(b"\t", b" ").split(b"\n"))
         body, separator, quotes = b"\n".join(map(b"\t".join, cells)), "\t", 0
     elif separator == NONE:
         # a character that no text holds
         separator, quotes = "\x1f", 0
-    names = [f"c{i}" for i in range(len(layout.names))]
+    names = [str(i) for i in range(len(layout.names) + layout.trailing)]
     kinds = dict.fromkeys([names[i] for i in numbers], pa.float64())
     kinds |= dict.fromkeys([names[i] for i in texts], pa.string())
     # the cells behind the last name must be blank in every row
-    blank = [f"blank{i}" for i in range(layout.trailing)]
-    names += blank
-    kinds |= dict.fromkeys(blank, pa.null())
+    kinds |= dict.fromkeys(names[len(layout.names) :], pa.null())
     # looking each cell up among the words takes a fifth of the time, and most files have none
     for known_words in [[]] if layout.trailing else [[], _WORDS]:
         with contextlib.suppress(pa.ArrowInvalid, UnicodeDecodeError):
             # `read_csv` reads ahead in a thread, which two processes on two processors wait for
             table = pc.open_csv(
                 pa.BufferReader(body),
-                read_options=pc.ReadOptions(
-                    column_names=names, use_threads=False, block_size=1 << 20
-                ),
-                parse_options=pc.ParseOptions(
-                    delimiter=separator, quote_char='"' if quotes else False
-                ),
-                convert_options=pc.ConvertOptions(
+                pc.ReadOptions(column_names=names, use_threads=False, block_size=1 << 20),
+                pc.ParseOptions(delimiter=separator, quote_char='"' if quotes else False),
+                pc.ConvertOptions(
                     include_columns=list(kinds),
                     column_types=kinds,
                     null_values=["", *known_words],
@@ -250,7 +226,7 @@ def parse(
                     decimal_point=layout.decimal,
                 ),
             ).read_all()
-            words = [[str(c or "").strip() for c in table[f"c{i}"].to_pylist()] for i in texts]
+            words = [[str(c or "").strip() for c in table[str(i)].to_pylist()] for i in texts]
             break
     else:
         return by_line(rows, layout, numbers, texts)
@@ -259,7 +235,7 @@ def parse(
         lines_of_text = sum(map(bool, map(bytes.strip, body.split(b"\n"))))
         if quotes % 2 or table.num_rows != lines_of_text:
             return by_line(rows, layout, numbers, texts)
-    arrays = [floats(table[f"c{i}"].combine_chunks()) for i in numbers]
+    arrays = [floats(table[str(i)].combine_chunks()) for i in numbers]
     return [
         values if (finite := np.isfinite(values)).all() else np.where(finite, values, np.nan)
         for values in arrays

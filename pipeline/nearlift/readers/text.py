@@ -26,7 +26,6 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.base import (
-    SECONDS,
     Channel,
     Contents,
     Names,
@@ -35,8 +34,6 @@ from nearlift.readers.base import (
     fitting,
     parted,
     pick,
-    rate_of,
-    split_unit,
 )
 from nearlift.readers.clock import is_time, seconds_of, two_columns
 from nearlift.readers.dialect import (
@@ -231,7 +228,7 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     words = {i for i, cell in enumerate(row) if layout.value(cell) is None}
     spelled = {i for i in words if is_time(row[i]) or parted(row[i])[1]}
     if names is None:
-        chosen = {*layout.numeric} | spelled & {*layout.texts}
+        chosen = {*range(len(layout.names))} - ({*layout.texts} - spelled)
         notes += [
             f"column {name!r} is not read: {row[i]!r} is neither a number nor a time of day"
             for i, name in enumerate(layout.names)
@@ -247,10 +244,9 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
             place = f"{where}, line {max(layout.first - 1, 1)}"
             # refuses: none of them fits
             pick(channels, names[0], "records.force.column", place)
-        clocks = [{*pair} for *pair, _ in two_columns(layout.names)]
-        named = {layout.names[i] for i in chosen}
-        also = set[str]().union(*(pair for pair in clocks if pair & named))
-        chosen |= {i for i, name in enumerate(layout.names) if name in also}
+        for *pair, _ in two_columns(layout.names):
+            places = {*map(layout.names.index, pair)}
+            chosen |= places if places & chosen else set()
     numbers, others = sorted(chosen - spelled), sorted(chosen & spelled)
     arrays, texts = parse(rows, layout, numbers, others)
     columns = {i: (layout.units[i], values) for i, values in zip(numbers, arrays, strict=True)}
@@ -312,17 +308,6 @@ def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
         raise InputRefused(str(path), what, f"it has {known}; segments.column names it")
     place = layout.names.index(column)
     return [row[place] for row in rows]
-
-
-def with_rate(file: Contents) -> Contents:
-    """The contents with the rate of the clock: the first channel called time, in s, ms or us."""
-    called = ("t", "time", "x_value", "zeit")
-    for clock in file.channels:
-        if clock.unit in SECONDS and split_unit(clock.name)[0].casefold() in called:
-            enough = len(clock.values) > 2
-            rate = rate_of(SECONDS[clock.unit] * clock.values) if enough else None
-            return replace(file, channels=tuple(replace(c, rate_Hz=rate) for c in file.channels))
-    return file
 
 
 TEXT = Reader(
