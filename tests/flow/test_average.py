@@ -10,7 +10,6 @@ from nearlift.flow.average import average, correlation_time, integrated
 from nearlift.flow.field import (
     VelocityField,
     has_flipped_component,
-    masked,
     mirrored,
     on_grid,
     orient,
@@ -28,7 +27,7 @@ def stack(n: int, seed: int = 0, offset: float = 0.0) -> np.ndarray:
     return offset + np.random.default_rng(seed).standard_normal((n, 2, len(Y), len(X)))
 
 
-@pytest.mark.parametrize("n", [1, 2, 7, 16, 33])
+@pytest.mark.parametrize("n", [1, 2, 33])
 def test_moments_are_those_of_numpy_whatever_is_missing(n):
     cube = stack(n, offset=1e4)
     hole = np.random.default_rng(1).random((n, len(Y), len(X))) < 0.2
@@ -134,12 +133,6 @@ def test_mass_betrays_one_flipped_component():
     assert not has_flipped_component(field(vx, vy))
     assert has_flipped_component(field(vx, -vy))
     assert not has_flipped_component(field(np.full(vx.shape, np.nan), vy))
-
-
-def test_a_mask_takes_vectors_away():
-    found = masked(field(*stack(1)[0]), [(-0.01, 0.01, -0.02, 0.0)])
-    inside = np.outer((Y >= -0.02) & (Y <= 0), np.abs(X) <= 0.01)
-    np.testing.assert_array_equal(found.valid, ~inside)
 
 
 def test_a_measured_half_is_reflected():

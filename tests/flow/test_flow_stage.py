@@ -147,18 +147,20 @@ def edit(root: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
-def rewrite(root: Path, case: str, change) -> None:
-    for path in (root / "piv" / case).iterdir():
-        rows = np.loadtxt(path)
+def rewrite(path: Path, change) -> None:
+    """Change the rows of a file, or of all files of a folder."""
+    for one in path.iterdir() if path.is_dir() else (path,):
+        rows = np.loadtxt(one)
         change(rows)
-        path.write_text(NEW + "\n".join("\t".join(f"{v:.6g}" for v in row) for row in rows) + "\n")
+        one.write_text(NEW + "\n".join("\t".join(f"{v:.6g}" for v in row) for row in rows) + "\n")
+
+
+def zeros(rows: np.ndarray) -> None:
+    rows[:, 2:4] = 0
 
 
 def test_a_file_of_zeros_is_left_out_with_its_reason(two):
-    path = two / "piv/control/0003.txt"
-    rows = np.loadtxt(path)
-    rows[:, 2:4] = 0
-    path.write_text(NEW + "\n".join("\t".join(f"{v:.6g}" for v in row) for row in rows) + "\n")
+    rewrite(two / "piv/control/0003.txt", zeros)
     made = job(two, two)
     outcome = flow.run(made)
     assert outcome.notes == ("control: piv/control/0003.txt left out: every vector is zero",)
@@ -166,28 +168,33 @@ def test_a_file_of_zeros_is_left_out_with_its_reason(two):
     assert (facts["files"], facts["fields"], len(facts["left_out"])) == (8, 7, 1)
 
 
-def test_a_case_of_zeros_is_refused(two):
-    rewrite(two, "control", lambda rows: rows.__setitem__((slice(None), slice(2, 4)), 0))
-    with pytest.raises(InputRefused, match="every vector is zero"):
+def faster(rows: np.ndarray) -> None:
+    rows[:, 2:4] *= 1e3
+
+
+@pytest.mark.parametrize(
+    ("case", "change", "says"),
+    [
+        ("control", zeros, "every vector is zero"),
+        ("ground-4", faster, "mm/s written as m/s"),
+    ],
+)
+def test_a_case_that_cannot_be_is_refused(two, case, change, says):
+    rewrite(two / "piv" / case, change)
+    with pytest.raises(InputRefused, match=says):
         flow.run(job(two, two))
 
 
-def test_wrong_units_in_files_are_refused(two):
-    rewrite(two, "ground-4", lambda r: r.__setitem__((slice(None), slice(2, 4)), 1e3 * r[:, 2:4]))
-    with pytest.raises(InputRefused, match="mm/s written as m/s"):
-        flow.run(job(two, two))
-
-
-def test_v_sign_mends_a_flipped_component_and_thrust_an_inverted_vehicle(two):
+def test_v_sign_corrects_a_flipped_component_and_thrust_an_inverted_vehicle(two):
     made = job(two, two)
     assert flow.run(made).notes == ()
     plain = made.read(DOWNWASH)["reduction"]
-    rewrite(two, "ground-4", lambda r: r.__setitem__((slice(None), 3), -r[:, 3]))
+    rewrite(two / "piv/ground-4", lambda r: r.__setitem__((slice(None), 3), -r[:, 3]))
     edit(two, 'name = "ground-4"', 'name = "ground-4"\nv_sign = -1')
     flow.run(job(two, two))
     np.testing.assert_allclose(made.read(DOWNWASH)["reduction"], plain, atol=1e-4)
     # hung upside down: the picture turned by half a turn, files as the camera wrote them
-    rewrite(two, "ground-4", lambda r: (r.__setitem__((slice(None), slice(0, 3)), -r[:, :3]),))
+    rewrite(two / "piv/ground-4", lambda r: (r.__setitem__((slice(None), slice(0, 3)), -r[:, :3]),))
     edit(two, "v_sign = -1", 'thrust = "-y"\nacross = "-x"')
     flow.run(job(two, two))
     np.testing.assert_allclose(made.read(DOWNWASH)["reduction"], plain, atol=1e-4)
@@ -278,7 +285,9 @@ def test_flow_runs_with_the_others_and_what_reads_it_heeds_the_grids(two, tmp_pa
     assert 'id="flow"' in page
     assert "SIMULATED fields, no measurement" in page
     assert small_run.ran(small_run.job(raw, tmp_path)) == []
-    rewrite(raw, "ground-4", lambda r: r.__setitem__((slice(None), slice(2, 4)), 0.9 * r[:, 2:4]))
+    rewrite(
+        raw / "piv/ground-4", lambda r: r.__setitem__((slice(None), slice(2, 4)), 0.9 * r[:, 2:4])
+    )
     again = set(small_run.ran(small_run.job(raw, tmp_path)))
     assert {"flow", "diagnose", "report"} <= again
     assert not others & again

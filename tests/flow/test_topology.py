@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from nearlift.flow.topology import (
 from nearlift.randomness import generator
 from nearlift.synthetic.demo_flow import wakes
 from nearlift.synthetic.records import SimulatedBench
-from nearlift.synthetic.wake import Blob, Wake
+from nearlift.synthetic.wake import Wake
 
 R = 0.023
 X, Y = 2e-3 * np.arange(-35, 36), 2e-3 * np.arange(-40, 12)
@@ -53,24 +52,20 @@ def test_gamma_is_one_at_the_centre_of_a_vortex_and_zero_in_a_stream_and_in_stra
     assert np.nanmax(np.abs(gamma(strain, 0.4 * R)[8:-8, 8:-8])) < 1e-6
 
 
-def test_vortices_are_counted_with_their_sign_and_place():
+def test_vortices_are_counted_with_their_sign_and_place_whatever_is_missing():
     whirl = field(swirl(-0.02, -0.04, 1.0), swirl(0.02, -0.045, -1.0))
-    found = vortices(whirl, GROUND, 8.0)
-    assert [math.copysign(1, v.circulation_m2_s) for v in found] == [1, -1]
-    assert [v.x_m for v in found] == pytest.approx([-0.02, 0.02], abs=2e-3)
-    assert [v.y_m for v in found] == pytest.approx([-0.04, -0.045], abs=2e-3)
+    holes = generator(0, "gaps").random(XX.shape) < 0.05
+    for each in (whirl, whirl.without(holes)):
+        left, right = vortices(each, GROUND, 8.0)
+        assert left.circulation_m2_s > 0 > right.circulation_m2_s
+        assert (left.x_m, left.y_m) == pytest.approx((-0.02, -0.04), abs=2e-3)
+        assert (right.x_m, right.y_m) == pytest.approx((0.02, -0.045), abs=2e-3)
 
 
 def test_a_vortex_that_is_carried_along_does_not_stand():
     carried = field(swirl(0.0, -0.04, 1.0), (np.full(XX.shape, 9.0), np.zeros(XX.shape)))
     assert np.nanmax(gamma(carried, 0.4 * R)) > 0.9  # Gamma_2 does not see the stream
     assert vortices(carried, GROUND, 8.0) == ()
-
-
-def test_gaps_do_not_make_vortices():
-    rng = generator(0, "gaps")
-    whirl = field(swirl(0.0, -0.04, 1.0))
-    assert len(vortices(whirl.without(rng.random(XX.shape) < 0.05), GROUND, 8.0)) == 1
 
 
 def mean_of(wake: Wake) -> VelocityField:
@@ -105,7 +100,7 @@ def contracted(half: float) -> VelocityField:
     return VelocityField(x_m=X, y_m=Y, vx_m_s=still, vy_m_s=vy).without(height <= 0)
 
 
-@pytest.mark.parametrize("half", [0.72, 0.85, 1.0])
+@pytest.mark.parametrize("half", [0.72, 1.0])
 def test_the_stagnation_zone_does_not_leak_up_beside_a_contracted_wake(half):
     """Momentum theory's wake contracts to 0.71 r; the still air around reaches the rotor plane."""
     zone = stagnation(contracted(half), GROUND, 8.0)
@@ -138,9 +133,7 @@ def demo_like(half: float, shift_x: float, shift_y: float) -> VelocityField:
     return replace(grid, vx_m_s=vx, vy_m_s=vy).without(~grid.valid)
 
 
-@pytest.mark.parametrize(
-    ("flow", "half"), [*((impinging, h) for h in (0.65, 0.71, 0.85, 1.0)), (demo_like, 1.0)]
-)
+@pytest.mark.parametrize(("flow", "half"), [(impinging, 0.65), (impinging, 1.0), (demo_like, 1.0)])
 def test_the_stagnation_zone_does_not_depend_on_where_the_nodes_stand(flow, half):
     """On a coarse grid, 0.13 r, at 16 offsets; nor on how far the wake has contracted."""
     reference, expected = (8.0, 0.365) if flow is impinging else (U, AREA)
@@ -175,43 +168,6 @@ def test_vortices_are_seen_wherever_there_are_vectors():
 # ---- the demo's wakes
 
 
-def test_a_jet_contracts():
-    """To r / sqrt(2) and the speed V far beneath the disk, with as much air at any height but for
-    what it gains from its side.
-    """
-    free = Wake(scene=replace(GROUND, boundary="none", rotors_m=(0.0,)), speed_m_s=8.0)
-    rho = np.linspace(1e-4, 3 * R, 4000)
-    flux = []
-    for below in (0.0, 1.0, 4.0):
-        vy = free.velocity(rho, np.full(rho.shape, -below * R))[1]
-        flux.append(float(np.trapezoid(-vy * rho, rho)) / (0.25 * 8.0 * R**2))
-        half = rho[np.argmax(-vy < 0.5 * -vy[0])] / R
-        assert half == pytest.approx(math.sqrt(0.5 * 8.0 / -vy[0]), rel=0.12)
-    assert -vy[0] == pytest.approx(8.0, rel=0.02)
-    assert flux[0] == pytest.approx(1.0, abs=0.45)
-    assert flux[0] < flux[1] < flux[2] < 1.8
-
-
-def test_no_air_is_faster_than_its_wake():
-    """Bernoulli: the wake has the pressure of the air around it, and nothing adds to its head."""
-    x, y = np.meshgrid(R * np.linspace(-3.5, 3.5, 141), R * np.linspace(-4.3, 1.5, 117))
-    for name, wake in wakes(SimulatedBench()).items():
-        speed = np.hypot(*wake.velocity(x, y))[wake.scene.height_m(x, y) > 0]
-        assert speed.max() < 1.005 * wake.speed_m_s, name
-
-
-def test_wall_jets_slow_down_as_they_spread_and_the_inner_ones_rise():
-    at = 0.15 * R * np.ones(5) - GROUND.distance_m
-    vx, _ = WAKE.velocity(0.0325 + R * np.array([1.0, 1.5, 2.0, 2.5, 3.0]), at)
-    assert (vx > 0.3 * 8.0).all()
-    assert (np.diff(vx[2:]) < 0).all()
-    inner, _ = WAKE.velocity(0.0325 - R * np.array([0.7]), at[:1])
-    assert inner[0] < -0.2 * 8.0
-    _, up = WAKE.velocity(np.zeros(3), R * np.array([0.4, 0.8, 1.2]) - GROUND.distance_m)
-    assert (up > 0).all()
-    assert (np.diff(up) < 0).all()
-
-
 def test_jets_lean_to_the_side_of_more_momentum():
     assert jets(mean_of(WAKE), GROUND) == "two jets"
     assert jets(mean_of(replace(WAKE, lean=0.1)), GROUND) == "two jets, leaning right"
@@ -219,13 +175,6 @@ def test_jets_lean_to_the_side_of_more_momentum():
     across = mean_of(WAKE)
     assert jets(replace(across, vx_m_s=across.vx_m_s + 9), GROUND) == "one jet, leaning right"
     assert jets(replace(across, vx_m_s=across.vx_m_s - 9), GROUND) == "one jet, leaning left"
-
-
-def test_a_blob_turns_as_it_says():
-    """Above the pair next to the fountain."""
-    turned = replace(WAKE, blobs=(Blob(x_hat=0.0, y_hat=-1.0, strength=0.15, size=0.3),))
-    found = [v for v in vortices(mean_of(turned), GROUND, U) if abs(v.y_m / R + 1.0) < 0.4]
-    assert [v.circulation_m2_s > 0 for v in found] == [True]
 
 
 def test_the_demo_s_tilts_have_the_paper_s_vortices():

@@ -8,8 +8,9 @@ turns the jet; a cut in that zone has a warning.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,17 +68,30 @@ class Cut:
     u_position_m: float
     u_scale: float = 0.0
 
-    def mean(
-        self,
-        field: VelocityField,
-        deeper: float = 0.0,
-        aside: float = 0.0,
-        longer: float = 0.0,
-    ) -> tuple[float, float]:
-        """Downwash through the cut (moved, or longer at both ends), and the part with vectors."""
-        centres = tuple(c + aside for c in self.centres_m)
-        weights = span_weights(field.x_m, centres, self.half_span_m + longer)
-        return over_span(along_cut(field.vy_m_s, field.y_m, self.below_m + deeper), weights)
+    def weights(self, x_m: FloatArray) -> FloatArray:
+        """Share of the span that each node (nx,) represents; their sum is 1 if the grid holds
+        it.
+        """
+        dx, total = x_m[1] - x_m[0], np.zeros(len(x_m))
+        for centre in self.centres_m:
+            low = np.maximum(x_m - dx / 2, centre - self.half_span_m)
+            high = np.minimum(x_m + dx / 2, centre + self.half_span_m)
+            total += np.maximum(high - low, 0.0)
+        return np.asarray(total / (2 * self.half_span_m * len(self.centres_m)))
+
+    def mean(self, field: VelocityField) -> tuple[float, float]:
+        """Mean downwash over the span's part with vectors, and that part."""
+        profile = along_cut(field.vy_m_s, field.y_m, self.below_m)
+        weights, known = self.weights(field.x_m), np.isfinite(profile)
+        covered = float(weights[known].sum())
+        mean = float(weights[known] @ profile[known]) / covered if covered > 0 else math.nan
+        return mean, covered
+
+    def half_change(self, field: VelocityField, name: str, step: float) -> float:
+        """Half the change of the downwash as `name` is changed by `step` both ways."""
+        ways: list[Any] = [np.add(getattr(self, name), s) for s in (step, -step)]
+        more, less = (replace(self, **{name: value}).mean(field)[0] for value in ways)
+        return (more - less) / 2 if math.isfinite(more) and math.isfinite(less) else 0.0
 
     def clearance_m(self, scene: Scene) -> float:
         """Least distance from the cut's ends to the boundary; inf without one."""
@@ -134,27 +148,7 @@ def along_cut(vy: FloatArray, y_m: FloatArray, below_m: float) -> FloatArray:
     share = position - low
     if share < 1e-6 or low + 1 >= len(y_m):
         return -vy[..., low, :]
-    result: FloatArray = -(1 - share) * vy[..., low, :] - share * vy[..., low + 1, :]
-    return result
-
-
-def span_weights(x_m: FloatArray, centres_m: tuple[float, ...], half_span_m: float) -> FloatArray:
-    """Share of the span that each node (nx,) represents; their sum is 1 if the grid holds it."""
-    dx = x_m[1] - x_m[0]
-    total = np.zeros(len(x_m))
-    for centre in centres_m:
-        low = np.maximum(x_m - dx / 2, centre - half_span_m)
-        high = np.minimum(x_m + dx / 2, centre + half_span_m)
-        total += np.maximum(high - low, 0.0)
-    result: FloatArray = total / (2 * half_span_m * len(centres_m))
-    return result
-
-
-def over_span(profile: FloatArray, weights: FloatArray) -> tuple[float, float]:
-    """Mean of a profile (nx,) over the span's part with vectors, and that part."""
-    known = np.isfinite(profile)
-    covered = float(weights[known].sum())
-    return (float(weights[known] @ profile[known]) / covered if covered > 0 else math.nan), covered
+    return np.asarray(-(1 - share) * vy[..., low, :] - share * vy[..., low + 1, :])
 
 
 def measure(
@@ -169,29 +163,22 @@ def measure(
     `series` (n, nx) is the downwash along it of each field, by `along_cut`; `stagnant` (ny, nx) is
     the measured stagnation zone.
     """
-    mean, shift = average.mean, cut.u_position_m
-    weights = span_weights(mean.x_m, cut.centres_m, cut.half_span_m)
+    mean = average.mean
+    weights, (value, covered) = cut.weights(mean.x_m), cut.mean(mean)
     profile = along_cut(mean.vy_m_s, mean.y_m, cut.below_m)
-    value, covered = over_span(profile, weights)
     inside = np.isfinite(profile) & (weights > 0)
-    u_noise, n_eff = _noise(series, profile, weights)
-    spread = float(np.std(profile[inside])) if covered > 0 else math.nan
-
-    def half_change(name: str) -> float:
-        """Half the change of the downwash as the cut is moved, or made longer, both ways."""
-        more, less = (cut.mean(mean, **{name: s})[0] for s in (shift, -shift))
-        return (more - less) / 2 if math.isfinite(more) and math.isfinite(less) else 0.0
-
-    u_position, span = (
-        math.hypot(half_change("deeper"), half_change("aside")),
-        half_change("longer"),
+    u_noise, n_eff = _noise(series[:, inside] - profile[inside], weights[inside])
+    below, aside, span = (
+        cut.half_change(mean, name, cut.u_position_m)
+        for name in ("below_m", "centres_m", "half_span_m")
     )
+    u_position = math.hypot(below, aside)
+    spread = float(np.std(profile[inside])) if covered > 0 else math.nan
+    u_mask, u_scale = max(1 - covered, 0.0) * spread, cut.u_scale * abs(value)
     slow = 0.0
     if stagnant is not None:
         slow = float(weights @ stagnant[int(np.argmin(np.abs(mean.y_m + cut.below_m)))])
-    u_mask, u_scale = max(1 - covered, 0.0) * spread, cut.u_scale * abs(value)
-    clearance = cut.clearance_m(scene) / scene.radius_m
-    ground = scene.boundary == "ground"
+    clearance, ground = cut.clearance_m(scene) / scene.radius_m, scene.boundary == "ground"
     warnings = {
         "meets_boundary": ground and clearance <= 0,
         "deflection_zone": ground and 0 < clearance < DEFLECTION_HAT,
@@ -215,22 +202,19 @@ def measure(
     )
 
 
-def _noise(series: FloatArray, profile: FloatArray, weights: FloatArray) -> tuple[float, float]:
-    """Standard error of the span's mean and the independent fields behind it."""
-    known = np.isfinite(profile) & (weights > 0)
-    if not known.any():
-        return math.nan, 0.0
-    share = weights[known] / weights[known].sum()
-    n = len(series)
-    if n < 2:
-        return math.nan, 1.0
+def _noise(away: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    """Standard error of the span's mean and the independent fields behind it, from the fields' (n,
+    nodes) deviations from the mean profile.
+    """
+    n, nodes = away.shape
+    if n < 2 or not nodes:
+        return math.nan, float(nodes > 0)
+    share = weights / weights.sum()
     # a vector that is missing in one field counts as that node's mean there, and the scatter is
     # that of those present
-    away = series[:, known] - profile[known]
     present = np.isfinite(away)
     means = np.where(present, away, 0.0) @ share
-    seen = present @ share
-    lifted = means / math.sqrt(max(float(np.mean(seen)), 1e-9))
+    lifted = means / math.sqrt(max(float(np.mean(present @ share)), 1e-9))
     tau = correlation_time(lifted[:, None])
     return float(np.sqrt(np.var(lifted, ddof=1) * tau / n)), n / tau
 

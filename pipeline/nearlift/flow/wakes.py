@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -33,16 +33,16 @@ REPORTED = 25
 MAX_REFUSED = 0.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class Wakes:
     """Wakes of all cases, as rows of the products, and facts of how they were averaged."""
 
-    downwash: list[Row]
-    topology: list[Row]
-    profiles: list[Table]
-    fields: list[Table]
+    downwash: list[Row] = field(default_factory=list)
+    topology: list[Row] = field(default_factory=list)
+    profiles: list[Table] = field(default_factory=list)
+    fields: list[Table] = field(default_factory=list)
     facts: Row
-    notes: tuple[str, ...]
+    notes: list[str] = field(default_factory=list)
 
 
 class Fields(Protocol):
@@ -110,43 +110,37 @@ def wakes(
         recordings[case.name] = _recorded(campaign, piv, case, fields_of(case), say_part)
     control = recordings[piv.control].through()
     reference, facts = control["all"].value, dict[str, Row]()
-    done = Wakes(
-        downwash=[],
-        topology=[],
-        profiles=[],
-        fields=[],
-        facts={"control": piv.control, "reference_m_s": reference, "cases": facts},
-        notes=(),
-    )
-    notes, warned = list[str](), dict[str, list[str]]()
+    done = Wakes(facts={"control": piv.control, "reference_m_s": reference, "cases": facts})
+    warned = dict[str, list[str]]()
     for name, recording in ((case.name, recordings[case.name]) for case in piv.case):
-        wake, stagnant = None, None
+        wake, stagnant = None, np.zeros(recording.mean.mean.shape, dtype=bool)
         if recording.scene.boundary == "ground":
             wake = wake_topology(recording.mean.mean, recording.scene, reference)
             stagnant = wake.stagnation.nodes
             done.topology.append(_topology_row(recording, wake))
         cuts = recording.through(stagnant)
-        done.downwash.extend(_downwash_rows(recording, cuts, control, name == piv.control))
+        for rotor, d in cuts.items():
+            less = Estimate(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
+            if name != piv.control:
+                less = downwash.reduction(d, control.get(rotor, control["all"]))
+            done.downwash.append(_downwash_row(recording, rotor, d, less))
         done.profiles.append(_profile(recording))
         done.fields.append(_nodes(recording, stagnant))
         facts[name] = _facts(recording, wake)
-        notes += [f"{name}: {file} left out: {why.what}" for file, why in recording.stream.refused]
+        left_out = recording.stream.refused
+        done.notes += [f"{name}: {file} left out: {why.what}" for file, why in left_out]
         for code in cuts["all"].warnings:
             warned.setdefault(code, []).append(name)
-    notes += [
+    done.notes += [
         f"{meaning} ({len(warned[code])} of {len(piv.case)} cases: {', '.join(warned[code])})"
         for code, meaning in downwash.WARNINGS.items()
         if code in warned
     ]
-    return replace(done, notes=tuple(notes))
+    return done
 
 
 def _recorded(
-    campaign: Campaign,
-    piv: Piv,
-    case: PivCase,
-    stream: Fields,
-    say: Callable[[str, float], None],
+    campaign: Campaign, piv: Piv, case: PivCase, stream: Fields, say: Callable[[str, float], None]
 ) -> Recording:
     """One pass over the files of a case: spurious vectors go, a measured half is mirrored."""
     vehicle, where = campaign.vehicle, f"piv case {case.name!r}"
@@ -157,12 +151,12 @@ def _recorded(
     wrong_of = np.zeros(2)
 
     def fields() -> Iterator[VelocityField]:
-        for field in stream:
+        for one in stream:
             if len(series) % REPORTED == 0:
                 say(f"flow {case.name}: {len(series)} of {files} files", len(series) / files)
-            wrong = spurious(field.vx_m_s, field.vy_m_s, piv.outliers)
-            wrong_of[:] += wrong.sum(), field.valid.sum()
-            whole = field.without(wrong)
+            wrong = spurious(one.vx_m_s, one.vy_m_s, piv.outliers)
+            wrong_of[:] += wrong.sum(), one.valid.sum()
+            whole = one.without(wrong)
             whole = whole if half is None else mirrored(whole, half)
             series.append(along_cut(whole.vy_m_s, whole.y_m, below))
             yield whole
@@ -194,14 +188,9 @@ def _recorded(
         vehicle.mass, campaign.rig.gravity, density, vehicle.rotors, radius
     )
     downwash.check_plausible(mean.mean, scene, cut, expected, where)
-    x = mean.mean.x_m
+    x, place = mean.mean.x_m, {"case": case.name, "boundary": case.boundary}
     return Recording(
-        place={
-            "case": case.name,
-            "boundary": case.boundary,
-            "z_hat": z_hat,
-            "tilt_rad": case.tilt,
-        },
+        place=place | {"z_hat": z_hat, "tilt_rad": case.tilt},
         scene=scene,
         cut=cut,
         mean=mean,
@@ -215,37 +204,26 @@ def _recorded(
 # ---- rows of the products
 
 
-def _downwash_rows(
-    recording: Recording,
-    cuts: Mapping[str, CutDownwash],
-    control: Mapping[str, CutDownwash],
-    is_control: bool,
-) -> Iterator[Row]:
-    """Rows of downwash.parquet."""
-    for rotor, d in cuts.items():
-        less = downwash.reduction(d, control.get(rotor, control["all"]))
-        if is_control:
-            less = Estimate(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
-        parts = {f"u_{k}_m_s": getattr(d, f"u_{k}") for k in ("noise", "mask", "position", "scale")}
-        yield {
-            **recording.place,
-            **parts,
-            "rotor": rotor,
-            "below_m": recording.cut.below_m,
-            "half_span_m": recording.cut.half_span_m,
-            "downwash_m_s": d.value,
-            "u_downwash_m_s": d.u,
-            "u_span_m_s": abs(d.span),
-            "covered": d.covered,
-            "n_fields": recording.mean.n,
-            "n_eff": d.n_eff,
-            "clearance_hat": d.clearance_hat,
-            "reduction": less.value,
-            "u_reduction": less.u,
-            "reduction_lo90": less.lo90,
-            "reduction_hi90": less.hi90,
-            "warnings": " ".join(d.warnings),
-        }
+def _downwash_row(recording: Recording, rotor: str, d: CutDownwash, less: Estimate) -> Row:
+    """Row of downwash.parquet."""
+    return recording.place | {
+        **{f"u_{k}_m_s": getattr(d, f"u_{k}") for k in ("noise", "mask", "position", "scale")},
+        "rotor": rotor,
+        "below_m": recording.cut.below_m,
+        "half_span_m": recording.cut.half_span_m,
+        "downwash_m_s": d.value,
+        "u_downwash_m_s": d.u,
+        "u_span_m_s": abs(d.span),
+        "covered": d.covered,
+        "n_fields": recording.mean.n,
+        "n_eff": d.n_eff,
+        "clearance_hat": d.clearance_hat,
+        "reduction": less.value,
+        "u_reduction": less.u,
+        "reduction_lo90": less.lo90,
+        "reduction_hi90": less.hi90,
+        "warnings": " ".join(d.warnings),
+    }
 
 
 def _profile(recording: Recording) -> Table:
@@ -260,12 +238,11 @@ def _profile(recording: Recording) -> Table:
     }
 
 
-def _nodes(recording: Recording, stagnant: NDArray[np.bool_] | None) -> Table:
+def _nodes(recording: Recording, stagnant: NDArray[np.bool_]) -> Table:
     """Columns of flow_fields.parquet."""
     moments, mean = recording.mean, recording.mean.mean
     xx, yy = np.meshgrid(mean.x_m, mean.y_m)
     (u_vx, u_vy), (sd_vx, sd_vy) = moments.u_m_s, np.sqrt(moments.variance)
-    still = np.zeros(mean.shape, bool) if stagnant is None else stagnant
     grids = {
         "x_m": xx,
         "y_m": yy,
@@ -277,7 +254,7 @@ def _nodes(recording: Recording, stagnant: NDArray[np.bool_] | None) -> Table:
         "sd_vx_m_s": sd_vx,
         "sd_vy_m_s": sd_vy,
         "count": moments.count.astype(np.int64),
-        "stagnant": still.astype(np.int64),
+        "stagnant": stagnant.astype(np.int64),
         "mirrored": np.broadcast_to(~recording.measured, mean.shape).astype(np.int64),
     }
     case = np.full(xx.size, recording.place["case"], dtype=object)
@@ -310,5 +287,5 @@ def _facts(recording: Recording, wake: WakeTopology | None) -> Row:
         "mirrored": not bool(recording.measured.all()),
         "tau_fields": moments.tau,
         "rotors_m": recording.scene.rotors_m,
-        "vortices": [] if wake is None else list(map(asdict, wake.vortices)),
+        "vortices": [asdict(v) for v in wake.vortices] if wake else [],
     }

@@ -156,7 +156,7 @@ def run(job: Job) -> Outcome:
     job.write(FLOW_FIELDS, tables.stacked(FLOW_FIELDS, flow_results.fields))
     job.write(FLOW_TOPOLOGY, FLOW_TOPOLOGY.columns_of(flow_results.topology))
     job.write(FLOW, {"schema": FLOW.schema, **flow_results.facts})
-    return Outcome(notes=flow_results.notes)
+    return Outcome(notes=tuple(flow_results.notes))
 
 
 STAGE = Stage(
