@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -23,41 +23,25 @@ from nearlift.randomness import generator
 from nearlift.synthetic.trial_schedule import TrialSchedule
 from nearlift.synthetic.truth import Truth
 
-Form = Literal["parquet", "csv", "csv_with_time"]
+Form = Literal["parquet", "csv"]
 TRIALS_PER_ROW_GROUP = 150
 GRAVITY = 9.8
-#: How a covariate is logged: its column, unit, and that unit's number of one in SI.
-LOGGED = {
-    "supply_V": ("supply", "V", 1.0),
-    "current_A": ("current", "A", 1.0),
-    "temperature_K": ("temperature", "K", 1.0),
-    "humidity": ("humidity", "percent", 100.0),
-    "tilt_rad": ("tilt", "rad", 1.0),
-    "power_W": ("power", "W", 1.0),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedBench:
-    """The rig of a synthetic campaign; the paper's, unless said otherwise.
+    """The paper's rig with a Crazyflie: its records, and what the manifest declares.
 
-    `offset_m` is what the manifest declares between datum and rotor plane, `contact_m` where the
-    vehicle first touches. `text` is appended to
-    the manifest as it is (an ``[[uncertainty]]`` table, say).
+    `contact_m` is where the vehicle first touches. `text` is appended to the manifest as it is (an
+    ``[[uncertainty]]`` table, say).
     """
 
-    vehicle: str = "Crazyflie 2.0"
-    rotors: int = 4
     radius_m: float = 0.023
     spacing_m: float = 0.065
-    mass_kg: float = 0.027
-    contact_m: Mapping[Boundary, float] | None = None
-    arena_m: float = 1.5
     rate_Hz: float = 1000.0
     tare_s: float = 2.0
     record_s: float = 10.0
-    offset_m: Mapping[Boundary, float] | None = None
-    distance_unit: str = "mm"
+    contact_m: Mapping[Boundary, float] = field(default_factory=dict)
     text: str = ""
 
 
@@ -80,7 +64,7 @@ def simulate(
     seed: int,
 ) -> Simulated:
     """The true lift of every trial; all randomness but the samples'."""
-    z_m, lift, expected = np.empty(len(design)), np.empty(len(design)), np.empty(len(design))
+    z_m, lift, expected = np.empty((3, len(design)))
     columns = {
         "approach": design.approach,
         "session": design.session.astype(float),
@@ -145,8 +129,8 @@ def write_campaign(
         One for each boundary of the design. All share the cell, so the `quantum_N` of the first
         counts.
     form : str
-        ``"parquet"`` (one long table of counts), ``"csv"`` (a file per trial with the force in mN)
-        or ``"csv_with_time"``.
+        ``"parquet"`` (one long table of counts) or ``"csv"`` (a file per trial with the force in
+        mN).
 
     Raises
     ------
@@ -155,31 +139,42 @@ def write_campaign(
     """
     _claim(folder)
     true = simulate(design, truths, bench=bench, seed=seed)
-    quantum = next(iter(truths.values())).noise.quantum_N
-    (folder / "campaign.toml").write_text(
-        manifest(name, note, bench, form, quantum, design), encoding="utf-8"
-    )
-    (folder / "trials.csv").write_text(schedule(design, bench), encoding="utf-8")
-    each = zip(
-        design.trial, true.lift_N.tolist(), design.throttle.tolist(), design.boundary, strict=True
-    )
+    quantum_N = next(iter(truths.values())).noise.quantum_N
     samples = (
         record(str(trial), lift, throttle, truths[side], bench, seed)
-        for trial, lift, throttle, side in each
-    )
+        for trial, lift, throttle, side in zip(
+            design.trial, true.lift_N.tolist(), design.throttle.tolist(), design.boundary,
+            strict=True,
+        )
+    )  # fmt: skip
     if form == "parquet":
+        calibration = f'{{ gain = "{1e3 * quantum_N:g} mN/count", offset = "0 count" }}'
+        records = f"""\
+reader = "parquet"
+files  = "records.parquet"
+force  = {{ column = "force", unit = "count", sign = 1, calibration = {calibration} }}
+"""
         _write_parquet(folder / "records.parquet", samples, design)
     else:
-        rate_Hz = bench.rate_Hz if form == "csv_with_time" else None
-        _write_csv(folder / "trials", samples, design, quantum, rate_Hz)
+        records = """\
+reader = "csv"
+files  = "trials/{trial}.csv"
+force  = { column = "force", unit = "mN", sign = 1 }
+"""
+        (folder / "trials").mkdir(exist_ok=True)
+        for trial, counts in zip(design.trial, samples, strict=True):
+            lines = ["force", *(f"{f:.4f}" for f in (1e3 * quantum_N * counts).tolist())]
+            text = "\n".join(lines) + "\n"
+            (folder / "trials" / f"{trial}.csv").write_text(text, encoding="ascii")
+    text = manifest(name, note, bench, records, design)
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    (folder / "trials.csv").write_text(schedule(design), encoding="utf-8")
     return true
 
 
 def _claim(folder: Path) -> None:
-    manifest_there = folder / "campaign.toml"
-    if manifest_there.is_file() and "\nsimulated = true" in manifest_there.read_text(
-        encoding="utf-8"
-    ):
+    known = folder / "campaign.toml"
+    if known.is_file() and "\nsimulated = true" in known.read_text(encoding="utf-8"):
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(
@@ -206,72 +201,36 @@ def _write_parquet(path: Path, samples: Iterator[NDArray[np.int32]], design: Tri
             writer.write_table(pa.table([trial, pa.array(np.concatenate(held))], schema=schema))
 
 
-def _write_csv(
-    folder: Path,
-    samples: Iterator[NDArray[np.int32]],
-    design: TrialSchedule,
-    quantum_N: float,
-    rate_Hz: float | None,
-) -> None:
-    folder.mkdir(exist_ok=True)
-    for trial, counts in zip(design.trial, samples, strict=True):
-        force = (1e3 * quantum_N * counts).tolist()
-        if rate_Hz is None:
-            lines = ["force", *(f"{f:.4f}" for f in force)]
-        else:
-            lines = ["t,force", *(f"{i / rate_Hz:.6g},{f:.4f}" for i, f in enumerate(force))]
-        (folder / f"{trial}.csv").write_text("\n".join(lines) + "\n", encoding="ascii")
-
-
-def schedule(design: TrialSchedule, bench: SimulatedBench) -> str:
+def schedule(design: TrialSchedule) -> str:
     """The text of trials.csv."""
-    per_unit = {"mm": 1e3, "cm": 1e2, "m": 1.0}[bench.distance_unit]
     columns: dict[str, Iterable[str]] = {
         "trial": design.trial,
         "boundary": design.boundary,
-        "distance": [f"{per_unit * d:.6g}" for d in design.recorded_m],
+        "distance": [f"{1e3 * d:.6g}" for d in design.recorded_m],
         "throttle": [f"{100 * t:.6g}" for t in design.throttle],
         "start": [f"{s:.2f}" for s in design.start_s],
         "session": [str(s) for s in design.session],
         "approach": [f"{a:+.0f}" for a in design.approach],
     }
-    for name, values in design.further.items():
-        column, _, per_SI = LOGGED.get(name, (name, "", 1.0))
-        columns[column] = [f"{v:.7g}" for v in per_SI * values]
+    if "supply_V" in design.further:
+        columns["supply"] = [f"{v:.7g}" for v in design.further["supply_V"]]
     rows = [columns, *zip(*columns.values(), strict=True)]
     return "".join(",".join(row) + "\n" for row in rows)
 
 
 def manifest(
-    name: str, note: str, bench: SimulatedBench, form: Form, quantum_N: float, design: TrialSchedule
+    name: str, note: str, bench: SimulatedBench, records: str, design: TrialSchedule
 ) -> str:
     """The text of campaign.toml, which says that it is simulated, and of the truth only what a lab
-    would know.
+    would know; `records` is the content of its table.
     """
-    offsets = {
-        side: (bench.offset_m or {}).get(side, 0.0) for side in dict.fromkeys(design.boundary)
-    }
-    datum = ", ".join(
-        f'{side} = "{"blade tip" if side == "sidewall" else "rotor plane"}"' for side in offsets
-    )
-    offset = ", ".join(f'{side} = "{1e3 * value:g} mm"' for side, value in offsets.items())
-    spacing = f'rotor_spacing = "{1e3 * bench.spacing_m:g} mm"\n' if bench.rotors > 1 else ""
-    touches = ", ".join(f'{s} = "{1e3 * v:g} mm"' for s, v in (bench.contact_m or {}).items())
+    sides: list[Boundary] = list(dict.fromkeys(design.boundary))
+    planes = {side: "blade tip" if side == "sidewall" else "rotor plane" for side in sides}
+    datum = ", ".join(f'{side} = "{plane}"' for side, plane in planes.items())
+    offset = ", ".join(f'{side} = "0 mm"' for side in sides)
+    touches = ", ".join(f'{side} = "{1e3 * z:g} mm"' for side, z in bench.contact_m.items())
     contact = f"contact       = {{ {touches} }}\n" if touches else ""
-    if form == "parquet":
-        force = (
-            '{ column = "force", unit = "count", sign = 1, calibration = { gain ='
-            f' "{1e3 * quantum_N:g} mN/count", offset = "0 count" }} }}'
-        )
-        records = f'reader = "parquet"\nfiles  = "records.parquet"\nforce  = {force}\n'
-    else:
-        records = (
-            'reader = "csv"\nfiles  = "trials/{trial}.csv"\nforce  = { column = "force", unit ='
-            ' "mN", sign = 1 }\n'
-        )
-        records += 'time   = { column = "t", unit = "s" }\n' if form == "csv_with_time" else ""
-    logged = (LOGGED[name] for name in design.further if name in LOGGED)
-    further = "".join(f'{column} = "{unit}"\n' for column, unit, _ in logged)
+    supply = 'supply = "V"\n' if "supply_V" in design.further else ""
     return f"""# SIMULATED. No such measurement was ever made: this campaign was written by \
 nearlift.synthetic.
 schema = "nearlift.campaign/1"
@@ -280,16 +239,17 @@ simulated = true
 note   = "{note}"
 
 [vehicle]
-name          = "{bench.vehicle}"
-rotors        = {bench.rotors}
+name          = "Crazyflie 2.0"
+rotors        = 4
 rotor_radius  = "{1e3 * bench.radius_m:g} mm"
-{spacing}mass          = "{1e3 * bench.mass_kg:g} g"
+rotor_spacing = "{1e3 * bench.spacing_m:g} mm"
+mass          = "27 g"
 {contact}
 [rig]
 held            = "throttle"
 distance_datum  = {{ {datum} }}
 distance_offset = {{ {offset} }}
-arena           = "{bench.arena_m:g} m"
+arena           = "1.5 m"
 air_density     = "1.2 kg/m^3"
 gravity         = "{GRAVITY:g} m/s^2"
 
@@ -305,7 +265,7 @@ accuracy    = "1.5 gf"
 [trials]
 file = "trials.csv"
 [trials.units]
-distance = "{bench.distance_unit}"
+distance = "mm"
 throttle = "percent"
 start    = "s"
-{further}{bench.text}"""
+{supply}{bench.text}"""

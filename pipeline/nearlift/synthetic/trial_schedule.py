@@ -143,22 +143,17 @@ def balanced(design: TrialSchedule, *, seed: int) -> TrialSchedule:
     each other one equally often.
 
     What one trial leaves behind for the next (creep, heat) then falls on all throttles alike.
-    Visits that lack a throttle keep their own order.
     """
     rng = generator(seed, "design", "throttles")
-    orders = _williams(len(np.unique(design.throttle)))
     levels, throttle = np.unique(design.throttle), design.throttle.copy()
-    turn: list[NDArray[np.int64]] = []
+    orders, turn = _williams(len(levels)), list[NDArray[np.int64]]()
     for visit in np.unique(design.visit):
-        here = np.flatnonzero(design.visit == visit)
-        if not np.array_equal(np.sort(throttle[here]), levels):
-            continue
         if not turn:
             # the numbering of the throttles is drawn again for each square
             turn = [
                 rng.permutation(len(levels))[row] for row in orders[rng.permutation(len(orders))]
             ]
-        throttle[here] = levels[turn.pop()]
+        throttle[design.visit == visit] = levels[turn.pop()]
     return dataclasses.replace(design, throttle=throttle)
 
 
@@ -168,8 +163,7 @@ def _williams(count: int) -> NDArray[np.int64]:
     """
     first = np.array([(j + 1) // 2 if j % 2 else (count - j // 2) % count for j in range(count)])
     rows = (first + np.arange(count)[:, None]) % count
-    result: NDArray[np.int64] = np.vstack([rows, rows[:, ::-1]]) if count % 2 else rows
-    return result
+    return np.vstack([rows, rows[:, ::-1]]) if count % 2 else rows
 
 
 def from_both_sides(design: TrialSchedule, *, overshoot_m: float, seed: int) -> TrialSchedule:

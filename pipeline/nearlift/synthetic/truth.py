@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray, LiftModel, compose
-from nearlift.errors import DeclarationError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,18 +51,14 @@ class Truth:
 
     Attributes
     ----------
-    model : LiftModel
     parameters : mapping of str to float
         Of the model; a parameter left out has its declared value.
     effects : tuple of (Effect, values)
-        What acts besides. An effect whose values are left out does nothing.
+        Effects that act. One whose values are left out does nothing.
     lift_inf_N : mapping of float to float
         Throttle (a fraction) to lift far away, N.
     geometry : mapping of str to value
         What the model needs of the vehicle (`spacing_hat`, `diagonal_hat`).
-    constants : mapping of str to value
-        What effects need besides columns of the design, such as a reference voltage.
-    noise : BenchNoise
     """
 
     model: LiftModel
@@ -71,45 +66,24 @@ class Truth:
     parameters: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
     geometry: Mapping[str, object] = field(default_factory=dict)
-    constants: Mapping[str, object] = field(default_factory=dict)
     noise: BenchNoise = BenchNoise()
 
     def lift_N(
         self, z_hat: FloatArray, throttle: FloatArray, columns: Mapping[str, FloatArray]
     ) -> FloatArray:
-        """Expected lift of trials, N, without noise.
-
-        Parameters
-        ----------
-        z_hat, throttle : (n,) float arrays
-        columns : mapping of str to (n,) array
-            Whatever effects may need: covariates by their inside names.
+        """Expected lift of trials (n,), N, without noise; `columns` are covariates (n,) by their
+        inside names, for effects.
 
         Raises
         ------
         DeclarationError
-            A throttle has no `lift_inf_N`, or an effect needs what neither `columns`, `geometry`
-            nor `constants` has.
+            An effect needs what neither `columns` nor `geometry` has.
         """
-        unknown = sorted(set(np.unique(throttle)) - set(self.lift_inf_N))
-        if unknown:
-            raise DeclarationError(
-                "truth",
-                f"has no lift_inf_N for the throttles {unknown}",
-                f"it has {sorted(self.lift_inf_N)}",
-            )
         far = np.array([self.lift_inf_N[t] for t in throttle])
         whole = compose(self.model, *(effect for effect, _ in self.effects))
-        values = dict(self.parameters) | {
-            name: value for _, given in self.effects for name, value in given.items()
-        }
-        known = {
-            "throttle": throttle,
-            "lift_inf_N": far,
-            "z_hat": z_hat,
-            **columns,
-            **self.geometry,
-            **self.constants,
-        }
+        values = dict(self.parameters)
+        for _, given in self.effects:
+            values |= given
+        known = {"throttle": throttle, "lift_inf_N": far, **columns, **self.geometry}
         needs = {name: known[name] for name in whole.needs if name in known}
         return np.asarray(far * whole(z_hat, **needs, **values), dtype=np.float64)
