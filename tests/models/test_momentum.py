@@ -68,14 +68,6 @@ def test_downwash_is_what_power_needs_at_the_same_thrust(z, alpha):
     ) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_far_away_a_fitted_coefficient_carries_the_exponent():
-    z = 50.0
-    gain = float(HSIAO_CHIRARATTANANON(z, alpha=0.2)) - 1
-    assert float(HSIAO_CHIRARATTANANON_CONSTANT_POWER(z, alpha=0.3)) - 1 == pytest.approx(
-        gain, rel=1e-3
-    )
-
-
 def thrust_at_constant_rpm(g: float, solidity_lift_slope: float, C_T: float = 0.02054) -> float:
     """Thrust over thrust far away of a blade-element rotor whose induced power ratio is `g`, at
     constant rpm and pitch.

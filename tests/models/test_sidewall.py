@@ -5,20 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nearlift.models.sidewall import SIDEWALL_DECAY, SIDEWALL_NONE, SIDEWALL_POWER_LAW
+from nearlift.models.sidewall import SIDEWALL_DECAY, SIDEWALL_POWER_LAW
 
 gap = st.floats(0.01, 20)
-
-
-@given(z=gap)
-def test_image_beside_a_rotor_moves_no_air_along_its_axis(z):
-    """A source mirrored in a vertical wall lies in the rotor plane: its velocity there has no axial
-    part.
-    """
-    rotor, image = np.array([0.0, 0.0, 0.0]), np.array([2 * (1 + z), 0.0, 0.0])
-    away = rotor - image
-    assert (away / np.linalg.norm(away) ** 3)[2] == 0.0
-    assert float(SIDEWALL_NONE(z)) == 1.0
 
 
 @given(z=gap, shift=st.floats(-0.5, 0.5), a=st.floats(0.01, 0.3), lambda_=st.floats(0.2, 5))
@@ -35,13 +24,3 @@ def test_sign_of_the_amplitude_is_the_sign_of_the_loss(z, a):
         loss = 1 - float(model(z, a=a))
         assert loss * a >= 0
         assert abs(loss) <= abs(a) + np.finfo(float).eps
-
-
-def test_both_forms_meet_at_contact():
-    assert float(SIDEWALL_DECAY(0.0, a=0.04)) == pytest.approx(
-        float(SIDEWALL_POWER_LAW(0.0, a=0.04))
-    )
-
-
-def test_power_law_reaches_farther():
-    assert 1 - SIDEWALL_POWER_LAW(5.0) > 10 * (1 - SIDEWALL_DECAY(5.0))
