@@ -45,36 +45,6 @@ class Average:
         return np.where(self.mean.valid, error, np.nan)
 
 
-class Moments:
-    """Count, mean and variance of columns, row by row; nan is no observation.
-
-    Sums are about each column's first observation, so that they lose no digits.
-    """
-
-    def __init__(self, columns: int) -> None:
-        self.count, self.origin, self.total, self.squares = np.zeros((4, columns))
-
-    def add(self, row: FloatArray) -> None:
-        """Add one observation (columns,)."""
-        known = np.isfinite(row)
-        self.origin = np.where(known & (self.count == 0), row, self.origin)
-        away = np.where(known, row - self.origin, 0.0)
-        self.total += away
-        self.squares += away**2
-        self.count += known
-
-    def mean(self) -> FloatArray:
-        """The mean, nan where nothing was observed."""
-        with np.errstate(invalid="ignore"):
-            return self.origin + self.total / self.count
-
-    def variance(self) -> FloatArray:
-        """Unbiased, nan for fewer than two observations."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            variance = (self.squares - self.total**2 / self.count) / (self.count - 1)
-        return np.where(self.count > 1, np.maximum(variance, 0.0), np.nan)
-
-
 def correlation_time(rows: FloatArray) -> float:
     """Observations per independent one of rows (n, columns) in their order, by the autocovariance
     pooled over columns; nan is left out.
@@ -135,7 +105,8 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
     if first is None:
         raise InputRefused(where, "holds no field", "check the pattern of files")
     size, shape = first.vx_m_s.size, first.shape
-    moments = Moments(2 * size)
+    # sums are about each column's first observation, so that they lose no digits
+    count, origin, total, squares = np.zeros((4, 2 * size))
     sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
     sampled: list[FloatArray] = []
     for n, field in enumerate(chain([first], stream), 1):
@@ -144,13 +115,18 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
             raise InputRefused(where, what, "one case has one grid; list others as another case")
         # a vector that lacks one component is none
         vectors = np.where(field.valid, [field.vx_m_s, field.vy_m_s], np.nan).ravel()
-        moments.add(vectors)
+        known = np.isfinite(vectors)
+        origin = np.where(known & (count == 0), vectors, origin)
+        away = np.where(known, vectors - origin, 0.0)
+        total, squares, count = total + away, squares + away**2, count + known
         sampled.append(vectors[sample])
-    vx, vy = moments.mean().reshape(2, *shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        vx, vy = (origin + total / count).reshape(2, *shape)
+        variance = np.maximum((squares - total**2 / count) / (count - 1), 0.0)
     return Average(
         mean=VelocityField(x_m=first.x_m, y_m=first.y_m, vx_m_s=vx, vy_m_s=vy),
-        variance=moments.variance().reshape(2, *shape),
-        count=moments.count[:size].reshape(shape),
+        variance=np.where(count > 1, variance, np.nan).reshape(2, *shape),
+        count=count[:size].reshape(shape),
         n=len(sampled),
         tau=correlation_time(np.stack(sampled)),
     )

@@ -74,8 +74,7 @@ class VelocityField:
     @property
     def speed_m_s(self) -> FloatArray:
         """In-plane speed."""
-        result: FloatArray = np.hypot(self.vx_m_s, self.vy_m_s)
-        return result
+        return np.hypot(self.vx_m_s, self.vy_m_s)
 
     def without(self, nodes: NDArray[np.bool_]) -> VelocityField:
         """The field without the vectors of these nodes (ny, nx)."""
@@ -245,8 +244,7 @@ def difference(case: VelocityField, control: VelocityField) -> FloatArray:
 
     across = at(control.speed_m_s, (case.x_m - control.x_m[0]) / control.dx_m)
     there = at(across.T, (case.y_m - control.y_m[0]) / control.dy_m).T
-    result: FloatArray = case.speed_m_s - there
-    return result
+    return np.asarray(case.speed_m_s - there)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,14 +275,12 @@ class Scene:
         if self.boundary == "none":
             return np.full(np.broadcast_shapes(np.shape(x_m), np.shape(y_m)), np.inf)
         cosine, sine = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
-        result: FloatArray = self.distance_m + self.side * y_m * cosine + x_m * sine
-        return result
+        return np.asarray(self.distance_m + self.side * y_m * cosine + x_m * sine)
 
     def boundary_y_m(self, x_m: FloatArray) -> FloatArray:
         """Height of the boundary at `x_m`."""
         cosine, sine = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
-        result: FloatArray = -self.side * (self.distance_m + x_m * sine) / cosine
-        return result
+        return np.asarray(-self.side * (self.distance_m + x_m * sine) / cosine)
 
     def beneath(self, x_m: FloatArray, reach: float = 1.0) -> NDArray[np.bool_]:
         """Whether `x_m` lies within `reach` radii of a rotor axis."""

@@ -52,15 +52,6 @@ class Vortex:
     area_m2: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WakeTopology:
-    """Vortices, stagnation zone and jets of one mean field; `jets` as `jets` returns it."""
-
-    vortices: tuple[Vortex, ...]
-    stagnation: StagnationZone
-    jets: str
-
-
 def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> FloatArray:
     """Mean sine of the angle between a neighbour's direction and its velocity, (ny, nx): Gamma_2,
     or Gamma_1 if not `moving`.
@@ -213,12 +204,3 @@ def jets(field: VelocityField, scene: Scene) -> str:
     if abs(right - left) <= MIN_LEAN * (right + left):
         return number
     return f"{number}, leaning {'right' if right > left else 'left'}"
-
-
-def wake_topology(field: VelocityField, scene: Scene, reference_m_s: float) -> WakeTopology:
-    """Topology of one mean field near a ground."""
-    return WakeTopology(
-        vortices=vortices(field, scene, reference_m_s),
-        stagnation=stagnation(field, scene, reference_m_s),
-        jets=jets(field, scene),
-    )

@@ -19,7 +19,7 @@ from nearlift.flow import downwash
 from nearlift.flow.average import Average, average
 from nearlift.flow.downwash import Cut, CutDownwash, along_cut
 from nearlift.flow.field import Scene, VelocityField, mirrored, spurious
-from nearlift.flow.topology import WakeTopology, wake_topology
+from nearlift.flow.topology import Vortex, jets, stagnation, vortices
 from nearlift.results import Estimate
 
 Row = dict[str, object]
@@ -113,11 +113,20 @@ def wakes(
     done = Wakes(facts={"control": piv.control, "reference_m_s": reference, "cases": facts})
     warned = dict[str, list[str]]()
     for name, recording in ((case.name, recordings[case.name]) for case in piv.case):
-        wake, stagnant = None, np.zeros(recording.mean.mean.shape, dtype=bool)
-        if recording.scene.boundary == "ground":
-            wake = wake_topology(recording.mean.mean, recording.scene, reference)
-            stagnant = wake.stagnation.nodes
-            done.topology.append(_topology_row(recording, wake))
+        mean, scene = recording.mean.mean, recording.scene
+        cores, stagnant = tuple[Vortex, ...](), np.zeros(mean.shape, dtype=bool)
+        if scene.boundary == "ground":
+            cores, zone = vortices(mean, scene, reference), stagnation(mean, scene, reference)
+            stagnant, turns = zone.nodes, [v.circulation_m2_s > 0 for v in cores]
+            row: Row = {
+                "vortices_ccw": sum(turns),
+                "vortices_cw": len(turns) - sum(turns),
+                "stagnation_area_hat2": zone.area_m2 / scene.radius_m**2,
+                "stagnation_height_hat": zone.height_m / scene.radius_m,
+                # a mirrored half leans to neither side by construction
+                "jets": jets(mean, scene) if recording.measured.all() else "",
+            }
+            done.topology.append(recording.place | row)
         cuts = recording.through(stagnant)
         for rotor, d in cuts.items():
             less = Estimate(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
@@ -126,7 +135,7 @@ def wakes(
             done.downwash.append(_downwash_row(recording, rotor, d, less))
         done.profiles.append(_profile(recording))
         done.fields.append(_nodes(recording, stagnant))
-        facts[name] = _facts(recording, wake)
+        facts[name] = _facts(recording, cores)
         left_out = recording.stream.refused
         done.notes += [f"{name}: {file} left out: {why.what}" for file, why in left_out]
         for code in cuts["all"].warnings:
@@ -261,21 +270,7 @@ def _nodes(recording: Recording, stagnant: NDArray[np.bool_]) -> Table:
     return {"case": case, **{name: grid.ravel() for name, grid in grids.items()}}
 
 
-def _topology_row(recording: Recording, wake: WakeTopology) -> Row:
-    """Row of flow_topology.parquet."""
-    turns = [v.circulation_m2_s > 0 for v in wake.vortices]
-    zone, r = wake.stagnation, recording.scene.radius_m
-    return recording.place | {
-        "vortices_ccw": sum(turns),
-        "vortices_cw": len(turns) - sum(turns),
-        "stagnation_area_hat2": zone.area_m2 / r**2,
-        "stagnation_height_hat": zone.height_m / r,
-        # a mirrored half leans to neither side by construction
-        "jets": wake.jets if recording.measured.all() else "",
-    }
-
-
-def _facts(recording: Recording, wake: WakeTopology | None) -> Row:
+def _facts(recording: Recording, cores: tuple[Vortex, ...]) -> Row:
     """Block of a case in flow.json."""
     moments = recording.mean
     return recording.place | {
@@ -287,5 +282,5 @@ def _facts(recording: Recording, wake: WakeTopology | None) -> Row:
         "mirrored": not bool(recording.measured.all()),
         "tau_fields": moments.tau,
         "rotors_m": recording.scene.rotors_m,
-        "vortices": [asdict(v) for v in wake.vortices] if wake else [],
+        "vortices": [asdict(v) for v in cores],
     }
