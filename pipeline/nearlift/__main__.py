@@ -19,9 +19,10 @@ def main() -> None:
         sys.exit(INTERRUPTED)
     try:
         commands()
-    except OSError as fault:
+    except (OSError, MemoryError) as fault:
         # the help or the version on a full disk; commands answer themselves
-        sys.stderr.write(f"error: {fault}\n")
+        reason = str(fault) or "not enough memory: use --executor serial, or a larger machine"
+        sys.stderr.write(f"error: {reason}\n")
         sys.exit(InputRefused.exit_code)
     finally:
         # the interpreter would search all of them three times at its end (0.6 s)

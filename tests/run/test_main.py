@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from nearlift import terminal
+from nearlift.__main__ import main
 
 INTERRUPTED = """
 import os, signal, sys
@@ -58,3 +60,16 @@ def test_an_interrupt_that_a_library_swallows_is_repeated(monkeypatch):
     with pytest.raises(KeyboardInterrupt), terminal.interruptible():
         swallow()
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_machine_without_memory_is_told(monkeypatch, capsys):
+    def full():
+        raise MemoryError
+
+    monkeypatch.setattr("nearlift.cli.main", full)
+    monkeypatch.setattr(gc, "freeze", lambda: None)
+    monkeypatch.setattr(gc, "set_threshold", lambda objects: None)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 4
+    assert capsys.readouterr().err.startswith("error: not enough memory: use --executor serial")
