@@ -12,20 +12,20 @@ from nearlift.plugins import gather
 if TYPE_CHECKING:
     from nearlift.readers.base import Reader
 
-#: Built-in readers by name: module, and its value or the key in its `READERS`.
+#: Built-in readers by name: module, and its value.
 BUILT_IN = {
-    "parquet": "parquet",
+    "parquet": "parquet.READER",
     "csv": "text.CSV",
     "text": "text.TEXT",
-    "rcbenchmark": "stands",
-    "flight-stand": "stands",
-    "crazyflie": "stands",
+    "rcbenchmark": "stands.RCBENCHMARK",
+    "flight-stand": "stands.FLIGHT_STAND",
+    "crazyflie": "stands.CRAZYFLIE",
     "sheet": "text.SHEET",
-    "lvm": "lvm",
-    "tdms": "tdms",
-    "mat": "mat",
-    "hdf5": "hdf5",
-    "means": "means",
+    "lvm": "lvm.READER",
+    "tdms": "tdms.READER",
+    "mat": "mat.READER",
+    "hdf5": "hdf5.READER",
+    "means": "means.READER",
 }
 GROUP = "nearlift.readers"
 
@@ -34,11 +34,8 @@ __all__ = ["BUILT_IN", "built_in", "reader", "readers"]
 
 def built_in(name: str) -> Reader:
     """The built-in reader of that name, its module imported now."""
-    file, _, value = BUILT_IN[name].partition(".")
-    module = importlib.import_module(f"{__name__}.{file}")
-    reader: Reader = (
-        module.READERS[name] if file == "stands" else getattr(module, value or "READER")
-    )
+    module, _, value = BUILT_IN[name].partition(".")
+    reader: Reader = getattr(importlib.import_module(f"{__name__}.{module}"), value)
     return reader
 
 

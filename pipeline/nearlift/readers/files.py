@@ -112,25 +112,21 @@ def unlisted(root: Path, pattern: str, trials: Collection[str], listing: str) ->
         whole = trial and pattern.replace(MARK, trial) == name
         if whole and name not in wanted and name != listing and path.is_file():
             other.append(name)
-    # names that differ from a missing one only in case, or in the form of their accents
     missing = {_folded(name): name for name in wanted - there}
-    alike = [(missing[_folded(n)], n) for n in sorted(other) if _folded(n) in missing]
-    rest = [n for n in sorted(other) if _folded(n) not in missing]
-    notes = []
-    for name, instead in alike[:MOST_NAMED]:
-        same = unicodedata.normalize("NFC", instead) == unicodedata.normalize("NFC", name)
-        how = "in the Unicode form of its accents (NFC, NFD)" if same else "in case"
-        notes.append(
-            f"{name} is missing, but {instead} is there, which differs only {how}: rename the file,"
-            " or the id in the schedule"
-        )
-    if len(alike) > MOST_NAMED:
-        notes.append(f"... and {len(alike) - MOST_NAMED} more such files")
+    rest = [name for name in sorted(other) if _folded(name) not in missing]
+    notes = [
+        f"{missing[_folded(name)]} is missing, but {name} is there, which differs only in case or"
+        " in the Unicode form of its accents (NFC, NFD): rename the file, or the id in the schedule"
+        for name in sorted(other)
+        if _folded(name) in missing
+    ]
+    if (more := len(notes) - MOST_NAMED) > 0:
+        notes[MOST_NAMED:] = [f"... and {more} more such files"]
     if rest:
-        more = f" and {len(rest) - 1} more are" if len(rest) > 1 else " is"
+        which = f"{rest[0]} and {len(rest) - 1} more are" if len(rest) > 1 else f"{rest[0]} is"
         notes.append(
-            f"{rest[0]}{more} no trial's record: the schedule has no such row, so left out; a row"
-            " lost, or an id mistyped?"
+            f"{which} no trial's record: the schedule has no such row, so left out; a row lost, or"
+            " an id mistyped?"
         )
     return notes
 

@@ -59,8 +59,6 @@ class Guarded:
         self.process: subprocess.Popen[bytes] | None = None
         self._link: Connection[Any, Any] | None = None
         self._lock, self._files = threading.Lock(), 0
-        #: The current folder in which it began: in another, a relative path means another file.
-        self._folder: tuple[int, int] | None = None
         #: The end of a pipe that closes when this process ends, however it ends.
         self._lifeline = -1
 
@@ -79,7 +77,9 @@ class Guarded:
         if _serving:
             return function(*arguments, **named)
         with self._lock:
-            error, answer = self._answer(pickle.dumps((function, arguments, named)))
+            # a relative path is of the folder that is the current one now
+            asked = pickle.dumps((str(Path.cwd()), function, arguments, named))
+            error, answer = self._answer(asked)
         if error is None:
             result: Answer = answer
             return result
@@ -90,20 +90,18 @@ class Guarded:
     def start(self) -> subprocess.Popen[bytes]:
         """The process, started unless it runs."""
         if self.process is None:
-            self._folder = _current_folder()
             ours, theirs = socket.socketpair()
             life, self._lifeline = os.pipe()
-            fds = theirs.fileno(), life
-            code = f"guarded.serve({fds[0]}, {life}, {self.memory}, {self.cpu_s})"
-            # -P: no imports from the current folder; -B: no bytecode is written
-            command = [sys.executable, "-P", "-B", "-c"]
+            arguments = f"{theirs.fileno()}, {life}, {self.memory}, {self.cpu_s}"
+            code = f"from nearlift.readers import guarded; guarded.serve({arguments})"
             with theirs:
                 self.process = subprocess.Popen(
-                    [*command, f"from nearlift.readers import guarded; {code}"],
+                    # -P: no imports from the current folder; -B: no bytecode is written
+                    [sys.executable, "-P", "-B", "-c", code],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
-                    pass_fds=fds,
+                    pass_fds=(theirs.fileno(), life),
                     env={**os.environ, **_environment()},
                     # an interrupt at the terminal is the parent's to handle
                     start_new_session=True,
@@ -114,7 +112,7 @@ class Guarded:
 
     def _answer(self, asked: bytes) -> tuple[type[Exception] | None, Any]:
         """The class of the exception, if any, and the answer."""
-        if self._files >= FILES or self._folder != _current_folder():
+        if self._files >= FILES:
             self.close()
         process, why = self.start(), ""
         assert self._link is not None
@@ -170,11 +168,6 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_in_a_copy)
 
 
-def _current_folder() -> tuple[int, int]:
-    status = Path().stat()
-    return status.st_dev, status.st_ino
-
-
 def _environment() -> dict[str, str]:
     return {
         isolation.SAFE_PATH: "1",
@@ -207,20 +200,20 @@ def serve(fd: int, lifeline: int, memory: int, cpu_s: int) -> None:
     _serving = True
     _end_with(lifeline)
     # macOS has no limit of address space: only time is bounded there
-    _limit("AS", memory)
-    _limit("FSIZE", 0)
-    _limit("CORE", 0)
+    for kind, most in (("AS", memory), ("FSIZE", 0), ("CORE", 0)):
+        _limit(kind, most, most)
     with Connection(fd) as link, contextlib.suppress(EOFError, OSError):
         while True:
             asked = link.recv_bytes()
-            _limit("CPU", int(sum(os.times()[:2])) + 1 + cpu_s, soft=True)
+            _limit("CPU", int(sum(os.times()[:2])) + 1 + cpu_s)
             link.send_bytes(_answer(asked))
 
 
 def _answer(asked: bytes) -> bytes:
     """The answer to one call, or the exception: its class, arguments and attributes."""
     try:
-        function, arguments, named = pickle.loads(asked)
+        folder, function, arguments, named = pickle.loads(asked)
+        os.chdir(folder)
         content = pickle.dumps((None, function(*arguments, **named)), protocol=5)
         if len(content) <= LONGEST_ANSWER:
             return content
@@ -253,14 +246,10 @@ def _end_with(lifeline: int) -> None:
                 os._exit(1)
 
 
-def _limit(kind: str, most: int, *, soft: bool = False) -> None:
-    """Bound a resource of this process, where the system can; `soft`: for now."""
+def _limit(kind: str, soft: int, hard: int | None = None) -> None:
+    """Bound a resource of this process, where the system can."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
         limit = getattr(resource, f"RLIMIT_{kind}")
-        _, hard = resource.getrlimit(limit)
-        if not soft:
-            resource.setrlimit(limit, (most, most))
-        elif hard == resource.RLIM_INFINITY or most < hard:
-            resource.setrlimit(limit, (most, hard))
+        resource.setrlimit(limit, (soft, resource.getrlimit(limit)[1] if hard is None else hard))

@@ -1,5 +1,5 @@
-"""CSV of thrust stands: commas, points, one header line with units in the names. Each product is a
-row of `STANDS`.
+"""CSV of thrust stands: commas, points, one header line with units in the names. Each product is
+one `Stand`.
 
 RCbenchmark 1520, 1580 and 1585 write a byte order mark and a trailing comma. The unit of `Thrust`
 follows a preference of the user (gf, kgf, N): it is read from the header and must be the
@@ -20,9 +20,10 @@ from __future__ import annotations
 import csv
 import functools
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,7 @@ from nearlift.readers.text import by_layout, plain
 MIN_LIFT_N = 0.02
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stand:
+class Stand(NamedTuple):
     """The files of one product: forms of the names of columns, folded and without units. Files of
     it have a column of each form in `needs`; `speeds` are those of rotors.
     """
@@ -56,25 +56,6 @@ class Stand:
     title: str
     needs: tuple[str, ...]
     speeds: str
-
-
-STANDS = {
-    "rcbenchmark": Stand(
-        title="RCbenchmark 15xx",
-        needs=("time", "esc signal", "thrust", "voltage"),
-        speeds="motor*speed*",
-    ),
-    "flight-stand": Stand(
-        title="Tyto Flight Stand v2",
-        needs=("time", "powertrain [0-9]* - force fz*"),
-        speeds="*rotation speed",
-    ),
-    "crazyflie": Stand(
-        title="Crazyflie system identification",
-        needs=("pwm", "vbat", "weight|thrust"),
-        speeds="rpm[0-9]",
-    ),
-}
 
 
 def _header(head: bytes) -> list[str]:
@@ -87,18 +68,14 @@ def _header(head: bytes) -> list[str]:
 
 
 def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
-    names = [_bare(cell) for cell in _header(head)]
+    names = _header(head)
     return all(any(_fits(name, form) for name in names) for form in stand.needs)
 
 
 def _fits(name: str, form: str) -> bool:
     """Whether a name is of a form: shell wildcards, alternatives between bars."""
-    return any(fnmatchcase(name, one) for one in form.split("|"))
-
-
-def _bare(name: str) -> str:
-    """A name as it is compared, its unit taken off."""
-    return fold(split_unit(name)[0])
+    plain = fold(split_unit(name)[0])
+    return any(fnmatchcase(plain, one) for one in form.split("|"))
 
 
 def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -116,7 +93,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     if len(set(columns)) < len(columns):
         what = f"has more than one column {max(columns, key=columns.count)!r}"
         raise InputRefused(f"{path}, line 1", what, "rename or drop one of them")
-    speeds = [name for name in columns if _fits(_bare(name), stand.speeds)]
+    speeds = [name for name in columns if _fits(name, stand.speeds)]
     also = None if names is None else (*names, *speeds)
     text = plain(content, str(path), Dialect(encoding="utf-8"))
     layout = Layout(
@@ -124,7 +101,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
         names=tuple(columns),
         units=tuple(split_unit(name)[1] for name in columns),
         first=2,
-        texts=tuple(i for i, name in enumerate(columns) if _bare(name) == "app message"),
+        texts=tuple(i for i, name in enumerate(columns) if _fits(name, "app message")),
     )
     file = by_layout(text, layout, also, str(path))
     empty = not file.channels or not len(file.channels[0].values)
@@ -150,12 +127,24 @@ def _dead(file: Contents, speeds: list[str]) -> bool:
     return some and max(lifts, default=0.0) >= MIN_LIFT_N
 
 
-READERS = {
-    name: Reader(
+def _reader(name: str, stand: Stand) -> Reader:
+    return Reader(
         name=name,
         title=f"{stand.title} CSV, one file per trial",
         contents=functools.partial(contents, stand),
         recognises=functools.partial(_is_of, stand),
     )
-    for name, stand in STANDS.items()
-}
+
+
+RCBENCHMARK = _reader(
+    "rcbenchmark",
+    Stand("RCbenchmark 15xx", ("time", "esc signal", "thrust", "voltage"), "motor*speed*"),
+)
+FLIGHT_STAND = _reader(
+    "flight-stand",
+    Stand("Tyto Flight Stand v2", ("time", "powertrain [0-9]* - force fz*"), "*rotation speed"),
+)
+CRAZYFLIE = _reader(
+    "crazyflie",
+    Stand("Crazyflie system identification", ("pwm", "vbat", "weight|thrust"), "rpm[0-9]"),
+)
