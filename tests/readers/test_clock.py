@@ -97,54 +97,44 @@ def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stamp", "unit"),
+    ("header", "row", "unit", "rate"),
     [
-        ("1773497100.{:03d}", "s"),
-        ("1773497100{:03d}", "ms"),
-        ("1773497100{:03d}000", "us"),
-        ("1773497100{:03d}000000", "ns"),
+        ("timestamp,force", "1773497100.{ms:03d},{f}", "s", 100),
+        ("timestamp,force", "1773497100{ms:03d},{f}", "ms", 100),
+        ("timestamp,force", "1773497100{ms:03d}000,{f}", "us", 100),
+        ("timestamp,force", "1773497100{ms:03d}000000,{f}", "ns", 100),
+        # days of a spreadsheet, and of MATLAB
+        ("Zeit;Kraft (gf)", "{excel:.10f};{f}", "day", 10),
+        ("datenum,Thrust (gf)", "{matlab:.9f},{f}", "day", 40),
     ],
 )
-def test_stamps_since_1970_have_their_unit(tmp_path: Path, stamp: str, unit: str) -> None:
-    path = tmp_path / "a.csv"
-    rows = "".join(f"{stamp.format(10 * i)},{i % 7}\n" for i in range(99))
-    path.write_text("timestamp,force\n" + rows)
-    found = inspect(path)
-    assert found.clock is not None
-    assert found.force is not None
-    assert (found.clock.unit, found.force.rate_Hz) == (unit, pytest.approx(100, rel=1e-3))
-
-
-def test_a_spreadsheets_days_are_a_clock(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    rows = "".join(f"{46095.586805 + i / 864000:.10f};{i % 7}\n" for i in range(99))
-    path.write_text("Zeit;Kraft (gf)\n" + rows)
-    found = inspect(path)
-    assert found.clock is not None
-    assert found.force is not None
-    assert (found.clock.unit, found.force.rate_Hz) == ("day", pytest.approx(10, rel=1e-4))
+def test_stamps_have_their_unit(
+    tmp_path: Path, header: str, row: str, unit: str, rate: float
+) -> None:
+    rows = [
+        row.format(
+            ms=10 * i, f=i % 7, excel=46095.586805 + i / 864000, matlab=740043.5 + i / 3456000
+        )
+        for i in range(99)
+    ]
+    (tmp_path / "a.csv").write_text("\n".join([header, *rows, ""]))
+    shown = inspect(tmp_path / "a.csv")
+    assert shown.clock is not None
+    assert shown.force is not None
+    assert (shown.clock.unit, shown.force.rate_Hz) == (unit, pytest.approx(rate, rel=1e-3))
+    proposed = tomllib.loads(block(shown))["records"]
     given = manifest(
-        load_cell={"sample_rate": "10 Hz"},
+        load_cell={"sample_rate": f"{rate} Hz"},
         records={
-            "reader": "text",
+            "reader": proposed["reader"],
             "files": "{trial}.csv",
-            "force": {"column": "Kraft", "unit": "gf", "sign": 1},
-            "time": {"column": "Zeit", "unit": "day"},
+            "force": {"column": shown.force.name, "unit": "gf", "sign": 1},
+            "time": proposed["time"],
         },
     )
-    (record,) = of_trials("text", given, tmp_path, ["a"])
+    (record,) = of_trials(proposed["reader"], given, tmp_path, ["a"])
     assert record.time_s is not None
-    np.testing.assert_allclose(record.time_s - record.time_s[0], np.arange(99) / 10, atol=1e-4)
-
-
-def test_days_of_matlab_are_a_clock(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    rows = "".join(f"{740043.5 + i / 86400 / 40:.9f},{i % 7}\n" for i in range(99))
-    path.write_text("datenum,Thrust (gf)\n" + rows)
-    found = inspect(path)
-    assert found.clock is not None
-    assert found.force is not None
-    assert (found.clock.unit, found.force.rate_Hz) == ("day", pytest.approx(40, rel=1e-3))
+    np.testing.assert_allclose(record.time_s - record.time_s[0], np.arange(99) / rate, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -180,9 +170,8 @@ def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     said = "'time' is not read: '12:00' is neither a number nor a time"
     assert any(said in note for note in inspect(path).contents.notes)
     path.write_text("time,force\n12:00:00,1\nlater,2\n12:00:02,3\n")
-    assert any(
-        "column 'time' is not read: line 3 has 'later'" in n for n in inspect(path).contents.notes
-    )
+    said = "column 'time' is not read: line 3 has 'later'"
+    assert any(said in note for note in inspect(path).contents.notes)
     with pytest.raises(InputRefused, match="line 3: has 'later' in column 'time', no time of"):
         reader("csv").open(path, {}, ("force", "time"))
 
@@ -213,13 +202,9 @@ def test_a_clock_in_two_columns_is_read_as_one(
     assert (clock.name, clock.unit, force.name) == (seconds, "s", "force_N")
     np.testing.assert_allclose(np.diff(clock.values), 0.025, atol=1e-9)
     # the fractions alone are no clock
+    alone = reader("csv").open(path, {}, (fractions,)).channels
     with pytest.raises(InputRefused, match=f"records.time.column = .{re.escape(seconds)}"):
-        pick(
-            reader("csv").open(path, {}, (fractions,)).channels,
-            fractions,
-            "records.time.column",
-            "a",
-        )
+        pick(alone, fractions, "records.time.column", "a")
 
 
 @pytest.mark.parametrize("name", ["parquet", "hdf5", "mat", "tdms"])

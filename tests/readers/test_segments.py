@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,19 @@ def table(folder: Path, out: Path, **changes: Any) -> dict[str, Any]:
     """trials.parquet of a campaign of sweeps."""
     _, job = run_ingest(folder, out, campaign(changes.pop("cut", None), **changes))
     return job.read(TRIALS)
+
+
+def rewritten(path: Path, change: Callable[[int, list[str]], object]) -> None:
+    """Each row of a record as `change` leaves its cells."""
+    names, *lines = path.read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    for i, row in enumerate(cells):
+        change(i, row)
+    path.write_text("\n".join([names, *map(",".join, cells)]) + "\n")
+
+
+def codes_of(trials: dict[str, Any]) -> dict[str, str]:
+    return dict(zip(trials["trial"].tolist(), trials["quality"].tolist(), strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -109,14 +124,13 @@ def test_the_zero_of_a_record_is_one_unknown_of_its_pieces(root: Path, tmp_path:
 def test_the_lowest_level_is_a_tare_between_the_others(tmp_path: Path) -> None:
     """A zero that creeps by 0.1 N over the record is estimated from the rests around each piece."""
     folder = write(tmp_path / "raw", (2.0,), (5, 40, 5, 60, 5, 80, 5))
-    path = folder / "sweeps" / "r0.csv"
-    names, *lines = path.read_text().splitlines()
-    cells = [line.split(",") for line in lines]
-    for i, row in enumerate(cells):
-        row[2] = repr(
-            float(row[2]) + 100 * i / len(cells) - 1e3 * lift_N(2.0, 5) * (row[1] == "5.0")
-        )
-    path.write_text("\n".join([names, *map(",".join, cells)]) + "\n")
+    path, rest = folder / "sweeps" / "r0.csv", 1e3 * lift_N(2.0, 5)
+    count = path.read_text().count("\n") - 1
+
+    def creep(i: int, row: list[str]) -> None:
+        row[2] = repr(float(row[2]) + 100 * i / count - rest * (row[1] == "5.0"))
+
+    rewritten(path, creep)
     trials = table(folder, tmp_path / "out", load_cell={"tare": "level 0"})
     assert trials["trial"].tolist() == ["r0#2", "r0#4", "r0#6"]
     # the mean of two rests is off the zero in the middle by what the lag leaves, and no more
@@ -148,28 +162,17 @@ def test_a_stepping_distance(tmp_path: Path) -> None:
     np.testing.assert_allclose(trials["throttle"], 0.5)
 
 
+OWN = {"columns": {"throttle": {"column": "throttle", "unit": "percent"}}}
+STEPS: dict[str, Any] = {"column": None, "cut": "plateaus", "unit": None, "step": "50 mN", **OWN}
+FULL = {"unit": None, "full": 80.0, "columns": {"supply": {"column": "supply", "unit": "V"}}}
+
+
 @pytest.mark.parametrize(
     ("cut", "want"),
     [
-        (
-            {
-                "unit": None,
-                "full": 80.0,
-                "columns": {"supply": {"column": "supply", "unit": "V"}},
-            },
-            {"throttle": [0.5, 0.75, 1.0], "supply_V": [15.6, 15.4, 15.2]},
-        ),
+        (FULL, {"throttle": [0.5, 0.75, 1.0], "supply_V": [15.6, 15.4, 15.2]}),
         # no command was logged but its mean: the force itself says where it steps
-        (
-            {
-                "column": None,
-                "cut": "plateaus",
-                "unit": None,
-                "step": "50 mN",
-                "columns": {"throttle": {"column": "throttle", "unit": "percent"}},
-            },
-            {"throttle": [0.4, 0.6, 0.8]},
-        ),
+        (STEPS, {"throttle": [0.4, 0.6, 0.8]}),
         (
             {"length": "1 s", "shortest": "1 s"},
             {"throttle": [0.4] * 3 + [0.6] * 3 + [0.8] * 3, "n": [80] * 9},
@@ -198,7 +201,7 @@ def test_a_record_that_is_missing_or_damaged_has_a_row(tmp_path: Path) -> None:
         trials = table(folder, tmp_path / str(levels), cut={"tolerance": tolerance})
         throttle = trials["throttle"]
         assert len(set(throttle[np.isfinite(throttle)].tolist())) == levels
-    codes = dict(zip(trials["trial"].tolist(), trials["quality"].tolist(), strict=True))
+    codes = codes_of(trials)
     assert codes["r1"] == "MISSING"
     assert codes["r2"].startswith("MALFORMED")
     assert "r3#2" in codes
@@ -208,9 +211,8 @@ def test_a_record_that_is_missing_or_damaged_has_a_row(tmp_path: Path) -> None:
 def test_a_word_that_says_when_it_counts(tmp_path: Path) -> None:
     folder = write(tmp_path / "raw", (2.0,), (0, 60))
     path = folder / "sweeps" / "r0.csv"
-    names, *lines = path.read_text().splitlines()
-    said = [f"{line},{'on' if line.split(',')[1] == '60.0' else 'off'}" for line in lines]
-    path.write_text("\n".join([f"{names},state", *said]) + "\n")
+    rewritten(path, lambda _, row: row.append("on" if row[1] == "60.0" else "off"))
+    path.write_text(path.read_text().replace("\n", ",state\n", 1))
     (folder / "records.csv").write_text("record,boundary,distance,throttle\nr0,ground,46,60\n")
     trials = table(
         folder,
@@ -226,7 +228,7 @@ def test_a_record_twice_and_one_left_out(tmp_path: Path) -> None:
     folder = write(tmp_path / "raw")
     (folder / "sweeps" / "r2.csv").write_bytes((folder / "sweeps" / "r0.csv").read_bytes())
     trials = table(folder, tmp_path / "a", quality={"exclude": {"r1#3": "a bird"}})
-    codes = dict(zip(trials["trial"].tolist(), trials["quality"].tolist(), strict=True))
+    codes = codes_of(trials)
     assert [t for t, c in codes.items() if c == "DUPLICATE"] == ["r2#2", "r2#3", "r2#4"]
     assert [t for t, c in codes.items() if c == "EXCLUDED"] == ["r1#3"]
     trials = table(folder, tmp_path / "b", quality={"exclude": ["r1"]})
@@ -262,16 +264,12 @@ KEYS = 'segments = { column = "throttle", unit = "percent", settle = "1 s", shor
 
 def test_the_cuts_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
     folder = write(tmp_path / "raw", (2.0,))
-    told = small_run.nearlift("inspect", "--cuts", folder, "--out", tmp_path)
-    assert told.exit_code == 2
+    shown = partial(small_run.nearlift, "inspect", "--cuts", folder, "--out", tmp_path)
+    assert shown().exit_code == 2
     (folder / "campaign.toml").write_text(MANIFEST.replace("{record}", "{trial}"))
-    told = small_run.nearlift("inspect", "--cuts", folder, "--out", tmp_path)
-    assert told.exit_code == 2
-    assert "add [segments] with column, settle and shortest" in told.stderr
+    assert "add [segments] with column, settle and shortest" in shown().stderr
     (folder / "campaign.toml").write_text(MANIFEST + KEYS)
-    told = small_run.nearlift("inspect", "--cuts", folder, "--out", tmp_path)
-    assert told.exit_code == 0
-    lines = told.stdout.splitlines()
+    lines = shown().stdout.splitlines()
     assert lines[0] == "r0: 3 pieces, 1 too short, 1 at rest; 4 s settling, 1 s between"
     assert [line.split()[0] for line in lines[1:4]] == ["r0#2", "r0#3", "r0#4"]
     assert "throttle 0.4" in lines[1]
@@ -324,6 +322,9 @@ def test_marks_of_records_go_with_segments() -> None:
         manifest(load_cell={"tare": "level 0"})
 
 
+ON_ROWS = "record,boundary,distance,throttle\nr0,ground,23,5\n"
+
+
 @pytest.mark.parametrize(
     ("cut", "schedule", "match"),
     [
@@ -333,19 +334,11 @@ def test_marks_of_records_go_with_segments() -> None:
         ({"unit": "mm"}, "", "mm"),
         ({"shortest": "3.5 s"}, "", 'shortest = "3 s" under [segments] would keep half'),
         ({"column": "force"}, "", "a ramp, or each row is a mean already"),
-        (
-            {"keep_where": "on"},
-            "record,boundary,distance,throttle\nr0,ground,23,5\n",
-            "has no 'on' in",
-        ),
+        ({"keep_where": "on"}, ON_ROWS, "has no 'on' in"),
         ({"columns": {"suply": {"column": "supply", "unit": "V"}}}, "", "did you mean 'supply'?"),
         ({"columns": {"supply": {"column": "supply"}}}, "", "unit: is missing"),
         ({"columns": {"throttle": {"column": "throttle"}}}, "", "given by the level already"),
-        (
-            {},
-            "record,boundary,distance,throttle\nr0,ground,23,5\n",
-            "also brought by the pieces of records",
-        ),
+        ({}, ON_ROWS, "also brought by the pieces of records"),
         ({}, "trial,boundary,distance\nr0,ground,23\n", "call the column of its ids record"),
         ({}, "record,boundary,distance\nx,ground,23\n", "none of the 1 records"),
         ({}, "record,boundary,distance\nr0,ground,2300\n", "outside the 1.5 m arena"),
@@ -362,24 +355,19 @@ def test_what_does_not_fit_the_records_is_refused(
     with pytest.raises(NearliftError) as refused:
         run_ingest(folder, tmp_path / "out", campaign(cut))
     assert match in str(refused.value)
-    assert not (tmp_path / "out" / "processed").exists() or not list(
-        (tmp_path / "out" / "processed").rglob("trials.parquet")
-    )
+    assert not [*tmp_path.rglob("trials.parquet")]
 
 
 def test_steps_finer_than_three_codes_are_refused(tmp_path: Path) -> None:
     folder = write(tmp_path / "raw", (2.0,))
-    path = folder / "sweeps" / "r0.csv"
-    names, *lines = path.read_text().splitlines()
-    cells = [line.split(",") for line in lines]
-    for row in cells:
+
+    def coarse(_: int, row: list[str]) -> None:
         row[2] = repr(round(float(row[2]) / 20) * 20.0)
-    path.write_text("\n".join([names, *map(",".join, cells)]) + "\n")
-    cut = {"column": None, "cut": "plateaus", "unit": None, "step": "50 mN"}
-    more = {"columns": {"throttle": {"column": "throttle", "unit": "percent"}}}
+
+    rewritten(folder / "sweeps" / "r0.csv", coarse)
     with pytest.raises(InputRefused, match="less than three of the converter's own"):
-        run_ingest(folder, tmp_path / "a", campaign({**cut, **more}))
-    assert len(table(folder, tmp_path / "b", cut={**cut, **more, "step": "60 mN"})["trial"]) == 3
+        run_ingest(folder, tmp_path / "a", campaign(STEPS))
+    assert len(table(folder, tmp_path / "b", cut={**STEPS, "step": "60 mN"})["trial"]) == 3
 
 
 # ---- damage
