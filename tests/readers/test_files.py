@@ -46,8 +46,6 @@ def test_a_link_within_the_folder_is_followed_and_a_pattern_has_the_trial(tmp_pa
 
 
 FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60), 2)]
-
-
 ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -100,15 +98,10 @@ def test_a_packed_text_of_too_much_is_refused(
 
 
 Rows = Sequence[Sequence[object]]
-
-
 MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-
-
 OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-
-
 PACKAGE = "http://schemas.openxmlformats.org/package/2006"
+BOOK = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"
 
 
 def xlsx(path: Path, *sheets: Rows) -> Path:
@@ -119,38 +112,32 @@ def xlsx(path: Path, *sheets: Rows) -> Path:
             return f'<c t="inlineStr"><is><t>{value}</t></is></c>'
         return f"<c><v>{value}</v></c>"
 
-    numbers = range(1, len(sheets) + 1)
-    kind = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"
+    def links(*targets: tuple[str, str]) -> str:
+        each = (
+            f'<Relationship Id="r{i}" Type="{OFFICE}/{kind}" Target="{target}"/>'
+            for i, (kind, target) in enumerate(targets)
+        )
+        return f'<Relationships xmlns="{PACKAGE}/relationships">{"".join(each)}</Relationships>'
+
+    numbers = range(len(sheets))
+    listed = "".join(f'<sheet name="S{i + 1}" sheetId="{i + 1}" r:id="r{i}"/>' for i in numbers)
+    parts = {
+        "[Content_Types].xml": f'<Types xmlns="{PACKAGE}/content-types"><Override'
+        f' PartName="/xl/workbook.xml" ContentType="{BOOK}"/></Types>',
+        "_rels/.rels": links(("officeDocument", "xl/workbook.xml")),
+        "xl/workbook.xml": f'<workbook xmlns="{MAIN}" xmlns:r="{OFFICE}"><sheets>{listed}</sheets>'
+        "</workbook>",
+        "xl/_rels/workbook.xml.rels": links(
+            *(("worksheet", f"worksheets/s{i}.xml") for i in numbers)
+        ),
+    }
+    for i, rows in enumerate(sheets):
+        body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+        sheet = f'<worksheet xmlns="{MAIN}"><sheetData>{body}</sheetData></worksheet>'
+        parts[f"xl/worksheets/s{i}.xml"] = sheet
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr(
-            "[Content_Types].xml",
-            f'<Types xmlns="{PACKAGE}/content-types"><Override PartName="/xl/workbook.xml"'
-            f' ContentType="{kind}"/></Types>',
-        )
-        file.writestr(
-            "_rels/.rels",
-            f'<Relationships xmlns="{PACKAGE}/relationships"><Relationship Id="r0"'
-            f' Type="{OFFICE}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-        )
-        listed = "".join(f'<sheet name="S{i}" sheetId="{i}" r:id="r{i}"/>' for i in numbers)
-        file.writestr(
-            "xl/workbook.xml",
-            f'<workbook xmlns="{MAIN}" xmlns:r="{OFFICE}"><sheets>{listed}</sheets></workbook>',
-        )
-        links = "".join(
-            f'<Relationship Id="r{i}" Type="{OFFICE}/worksheet" Target="worksheets/s{i}.xml"/>'
-            for i in numbers
-        )
-        file.writestr(
-            "xl/_rels/workbook.xml.rels",
-            f'<Relationships xmlns="{PACKAGE}/relationships">{links}</Relationships>',
-        )
-        for i, rows in zip(numbers, sheets, strict=True):
-            body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
-            file.writestr(
-                f"xl/worksheets/s{i}.xml",
-                f'<worksheet xmlns="{MAIN}"><sheetData>{body}</sheetData></worksheet>',
-            )
+        for name, content in parts.items():
+            file.writestr(name, content)
     return path
 
 
@@ -207,13 +194,5 @@ def test_times_and_truths_are_written_as_text() -> None:
 
     stamp = datetime.datetime(2026, 3, 1, 14, 5)
     cells = [stamp, stamp.time(), datetime.timedelta(seconds=1.5), True, 3.0, 0.1, "a\nb", ""]
-    assert [files._cell(cell) for cell in cells] == [
-        "2026-03-01T14:05:00",
-        "14:05:00",
-        "0:00:01.500000",
-        "TRUE",
-        "3",
-        "0.1",
-        "a b",
-        "",
-    ]
+    texts = ["2026-03-01T14:05:00", "14:05:00", "0:00:01.500000", "TRUE", "3", "0.1", "a b", ""]
+    assert [files._cell(cell) for cell in cells] == texts

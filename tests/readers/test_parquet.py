@@ -62,20 +62,15 @@ def test_pieces_are_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     given = manifest(**PARQUET)
     pieces, _ = reader("parquet").plan(given, tmp_path, [f"t{i}" for i in range(6)])
     assert len(pieces) > 2
-    backwards = [
-        r
-        for piece in reversed(pieces)
-        for r in reader("parquet").read_piece(given, tmp_path, piece)
-    ]
-    assert {r.trial: r.force_N[0] for r in backwards} == {
-        f"t{i}": pytest.approx(5e-3 * i) for i in range(6)
-    }
+    read = reader("parquet").read_piece
+    backwards = [r for piece in reversed(pieces) for r in read(given, tmp_path, piece)]
+    want = {f"t{i}": pytest.approx(5e-3 * i) for i in range(6)}
+    assert {r.trial: r.force_N[0] for r in backwards} == want
 
 
 def test_a_missing_sample_is_nan_and_a_clock_is_read(tmp_path: Path) -> None:
-    write_table(
-        tmp_path, {"trial": ["a"] * 3, "force": pa.array([1, None, 3]), "t": [0.0, 5.0, 10.0]}
-    )
+    columns = {"trial": ["a"] * 3, "force": pa.array([1, None, 3]), "t": [0.0, 5.0, 10.0]}
+    write_table(tmp_path, columns)
     given = {"records": {**PARQUET["records"], "time": {"column": "t", "unit": "ms"}}}
     (record,) = table_records(tmp_path, ["a"], **given)
     np.testing.assert_allclose(record.force_N, [1e-3, np.nan, 3e-3])
@@ -91,10 +86,7 @@ def test_trials_that_the_schedule_does_not_list_are_noted(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("columns", "match"),
     [
-        (
-            {"trial": ["a", "b", "a"], "force": [1, 2, 3]},
-            r"trial 'a' in two places, at rows 1 and 3",
-        ),
+        ({"trial": ["a", "b", "a"], "force": [1, 2, 3]}, "'a' in two places, at rows 1 and 3"),
         ({"trial": ["a", None], "force": [1, 2]}, "row 2 has no trial"),
         ({"tril": ["a"], "force": [1]}, "no column 'trial'"),
         ({"trial": ["a"], "forze": [1]}, "no column 'force'\n  records.force.column = .forze.\\?"),
