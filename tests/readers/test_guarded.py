@@ -31,7 +31,7 @@ LIMIT_KB = 1 << 20
 
 @pytest.fixture(scope="module")
 def small() -> Iterator[guarded.Guarded]:
-    process = guarded.Guarded(wall_s=20.0)
+    process = guarded.Guarded(wall_s=60.0)
     yield process
     process.close()
 
