@@ -14,10 +14,9 @@ from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal, uniform
 from nearlift.errors import NotConverged
 from nearlift.fit import posterior
-from nearlift.fit.density import Density
+from nearlift.fit.density import Density, TruncatedPrior
 from nearlift.fit.least_squares import fit
 from nearlift.fit.posterior_summary import compare_with_prior
-from nearlift.fit.prior import TruncatedPrior
 from nearlift.results import Noise
 
 NOISE = Noise(relative=0.005, force_N=3e-4, height_m=1e-4)

@@ -11,6 +11,7 @@ Conventions, the same as those of least squares:
   Student's (1 + D / dof)^-((dof + p) / 2), with D = chi2 less its minimum. Linear models get
   exactly the t intervals of least squares.
 - The covariance, budget included, is that of the least-squares fit.
+- Priors are the declared distributions, truncated at the declared bounds.
 """
 
 from __future__ import annotations
@@ -18,13 +19,53 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray
-from nearlift.fit.prior import TruncatedPrior
+from nearlift.declare import FloatArray, Parameter
 from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.stations import Stations
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruncatedPrior:
+    """The prior of one parameter, normalised to 1 within its bounds."""
+
+    parameter: Parameter
+
+    @cached_property
+    def _whole(self) -> Any:
+        """The distribution before truncation."""
+        return self.parameter.prior.frozen()
+
+    @cached_property
+    def _mass(self) -> tuple[float, float]:
+        """Probability below the lower bound, and within the bounds, before truncation."""
+        below, above = self._whole.cdf(self.parameter.bounds)
+        return float(below), float(above - below)
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log of the density, -inf outside the bounds, (m,)."""
+        prior, (low, high) = self.parameter.prior, self.parameter.bounds
+        # scipy's own log density costs as much as the likelihood
+        if prior.distribution == "norm":
+            scale = prior.scale * math.sqrt(2 * math.pi)
+            log = -0.5 * ((x - prior.loc) / prior.scale) ** 2 - math.log(scale)
+        else:
+            log = np.asarray(self._whole.logpdf(x), dtype=float)
+        return np.where((x >= low) & (x <= high), log - math.log(self._mass[1]), -np.inf)
+
+    def quantile(self, probability: Any) -> FloatArray:
+        """Quantile of the truncated distribution."""
+        below, within = self._mass
+        x = self._whole.ppf(below + np.asarray(probability) * within)
+        return np.asarray(np.clip(x, *self.parameter.bounds), dtype=np.float64)
+
+    @property
+    def width90(self) -> float:
+        """Width of the central 90 % interval."""
+        return float(np.ptp(self.quantile([0.05, 0.95])))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,20 +101,12 @@ class Density:
         Student's t the integral of the normal.
         """
         levels, log_det = self.problem.levels_log_det
-        at_centre = (
-            float(self.problem.log_likelihood(self.centre))
-            + 0.5 * levels * math.log(2 * math.pi)
-            - 0.5 * log_det
-        )
-        p = len(self.centre)
-        if not math.isfinite(self.dof):
-            return at_centre
-        return (
-            at_centre
-            + math.lgamma((self.dof + p) / 2)
-            - math.lgamma(self.dof / 2)
-            - 0.5 * p * math.log(self.dof / 2)
-        )
+        at_centre = float(self.problem.log_likelihood(self.centre))
+        at_centre += 0.5 * (levels * math.log(2 * math.pi) - log_det)
+        if math.isfinite(self.dof):
+            half, p = self.dof / 2, len(self.centre)
+            at_centre += math.lgamma(half + p / 2) - math.lgamma(half) - 0.5 * p * math.log(half)
+        return at_centre
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log of the marginal likelihood, -inf where the model has no value."""
@@ -86,15 +119,13 @@ class Density:
 
     def __call__(self, theta: FloatArray) -> FloatArray:
         """Log prior plus log likelihood; the model is evaluated only within the bounds."""
-        log_prior: FloatArray = sum(
-            (prior.log_density(x) for prior, x in zip(self.priors, theta.T, strict=True)),
-            np.zeros(len(theta)),
-        )
-        outside = (np.abs(theta - self.centre) > self.reach).any(axis=1)
-        inside = np.isfinite(log_prior) & ~outside
-        result = np.full(len(theta), -np.inf)
+        result = np.zeros(len(theta))
+        for prior, x in zip(self.priors, theta.T, strict=True):
+            result += prior.log_density(x)
+        result[(np.abs(theta - self.centre) > self.reach).any(axis=1)] = -np.inf
+        inside = np.isfinite(result)
         if inside.any():
-            result[inside] = log_prior[inside] + self.log_likelihood(theta[inside])
+            result[inside] += self.log_likelihood(theta[inside])
         return result
 
     @cached_property
@@ -107,8 +138,7 @@ class Density:
         from scipy.optimize import minimize
 
         low, high = self.problem.model.bounds
-        scale = np.sqrt(np.diag(self.spread()))
-        start = np.clip(self.centre, low, high)
+        scale, start = np.sqrt(np.diag(self.spread())), np.clip(self.centre, low, high)
 
         def at(x: FloatArray) -> FloatArray:
             return np.asarray(np.clip(start + x * scale, low, high), dtype=np.float64)
@@ -117,7 +147,7 @@ class Density:
             value = float(self(at(x)[None, :])[0])
             return -value if np.isfinite(value) else 1e10
 
-        ends = list(zip((low - start) / scale, (high - start) / scale, strict=True))
+        ends = np.column_stack([low - start, high - start]) / scale[:, None]
         end = minimize(cost, np.zeros(len(start)), method="L-BFGS-B", jac="3-point", bounds=ends).x
         near = np.round(16 * end) / 16
         return at(near if cost(near) < 1e10 else end)
@@ -127,7 +157,7 @@ class Density:
         priors as wide as the declared ones.
         """
         jacobian = np.nan_to_num(self.problem.project(self.problem.jacobian(self.centre).T))
-        information = jacobian @ jacobian.T
         sd = np.array([prior.width90 / 3.3 for prior in self.priors])
-        scaled = np.linalg.inv(information * np.outer(sd, sd) + np.eye(len(sd)))
-        return np.asarray(scaled * np.outer(sd, sd), dtype=np.float64)
+        both = np.outer(sd, sd)
+        scaled = np.linalg.inv(jacobian @ jacobian.T * both + np.eye(len(sd)))
+        return np.asarray(scaled * both, dtype=np.float64)

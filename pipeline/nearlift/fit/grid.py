@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,32 +90,25 @@ def grid(density: Density) -> PosteriorGrid:
     axes = vector * np.sqrt(np.maximum(value, 1e-30))
 
     def evaluated(points: int) -> tuple[FloatArray, FloatArray]:
-        """Points (..., p) of the lattice within `reach`, and their log density (...)."""
-        nodes = [np.linspace(low, high, points) for low, high in reach]
+        """Points (..., p) of the lattice from `low` to `high`, and their log density (...)."""
+        nodes = np.linspace(low, high, points).T
         theta = mean + np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1) @ axes.T
         return theta, density(theta.reshape(-1, p)).reshape(theta.shape[:-1])
 
-    reach = np.tile([-6.0, 6.0], (p, 1))
+    low, high, last = np.full(p, -6.0), np.full(p, 6.0), ROUGH_POINTS - 1
     for _ in range(ROUNDS):
         _, log = evaluated(ROUGH_POINTS)
-        before, width = reach.copy(), np.ptp(reach, axis=1)
-        for axis in range(p):
-            along = log.max(axis=tuple(i for i in range(p) if i != axis))
-            held = np.flatnonzero(along > log.max() - DEEP)
-            nodes = np.linspace(before[axis, 0], before[axis, 1], ROUGH_POINTS)
-            step = nodes[1] - nodes[0]
-            # widen a side that still holds mass, shrink one that does not
-            low, high = nodes[held[0]] - step, nodes[held[-1]] + step
-            reach[axis] = (
-                nodes[0] - width[axis] if held[0] == 0 else low,
-                nodes[-1] + width[axis] if held[-1] == ROUGH_POINTS - 1 else high,
-            )
-        if np.allclose(reach, before, atol=0.05 * np.ptp(before)):
+        places = np.array(np.nonzero(log > log.max() - DEEP))
+        first, final = places.min(axis=1), places.max(axis=1)
+        before, width = np.stack([low, high]), high - low
+        # widen a side that still holds mass, shrink one that does not
+        high = np.where(final == last, high + width, low + (final + 1) * width / last)
+        low = np.where(first == 0, low - width, low + (first - 1) * width / last)
+        if np.allclose([low, high], before, atol=0.05 * np.ptp(before)):
             break
     for doubling in range(DOUBLINGS + 1):
         points = (POINTS[p] - 1) * 2**doubling + 1
-        steps = (axes * (np.ptp(reach, axis=1) / (points - 1))).T
-        posterior = _with_error(*evaluated(points), steps)
+        posterior = _with_error(*evaluated(points), (axes * ((high - low) / (points - 1))).T)
         if posterior.resolved:
             break
     return posterior
@@ -123,30 +116,24 @@ def grid(density: Density) -> PosteriorGrid:
 
 def _with_error(theta: FloatArray, log: FloatArray, steps: FloatArray) -> PosteriorGrid:
     """Grid of points (..., p) and log densities (...), compared with one of half its resolution."""
-    p, volume = theta.shape[-1], abs(float(np.linalg.det(steps)))
-    half = (slice(None, None, 2),) * p
-    weight = np.exp(log - log.max())
+    p, weight = theta.shape[-1], np.exp(log - log.max())
 
-    def normalised(theta: FloatArray, weight: FloatArray, cell: int) -> PosteriorGrid:
-        total = weight.sum()
+    def normalised(cell: int) -> PosteriorGrid:
+        """The grid of every `cell`-th point."""
+        kept = (slice(None, None, cell),) * p
+        volume, total = abs(float(np.linalg.det(cell * steps))), weight[kept].sum()
         return PosteriorGrid(
-            theta=theta.reshape(-1, p),
-            mass=weight.ravel() / total,
+            theta=theta[kept].reshape(-1, p),
+            mass=weight[kept].ravel() / total,
             steps=cell * steps,
-            log_evidence=float(log.max()) + math.log(total * volume * cell**p),
+            log_evidence=float(log.max()) + math.log(total * volume),
         )
 
-    fine, coarse = normalised(theta, weight, 1), normalised(theta[half], weight[half], 2)
+    fine, coarse = normalised(1), normalised(2)
     error = 0.0
     for i in range(p):
         held = fine.theta[fine.mass > 0.05 * fine.mass.max(), i]
         places = np.linspace(held.min(), held.max(), 9).tolist()
         error = max([error, *(abs(fine.below(i, x) - coarse.below(i, x)) for x in places)])
-    return PosteriorGrid(
-        theta=fine.theta,
-        mass=fine.mass,
-        steps=steps,
-        error=error,
-        log_evidence=fine.log_evidence,
-        u_log_evidence=abs(fine.log_evidence - coarse.log_evidence),
-    )
+    change = abs(fine.log_evidence - coarse.log_evidence)
+    return replace(fine, error=error, u_log_evidence=change)

@@ -130,39 +130,28 @@ def sample(
         return randomness.generator(seed, "posterior", part, *purpose)
 
     p, count = len(density.centre), -(-ess // CHAINS) * CHAINS
-    if not p:
-        drawn = _independent(density, np.zeros((count, 0)), "none", stream)
-        return replace(drawn, log_evidence=float(drawn.log_prob[0, 0]), u_log_evidence=0.0)
-    lattice = grid(density) if p <= GRID else None
-    if lattice and lattice.resolved and not chain:
-        theta = np.clip(lattice.draw(stream("grid"), count), *density.problem.model.bounds)
-        drawn = _independent(density, theta, "grid", stream)
-    else:
+    lattice = grid(density) if 0 < p <= GRID else None
+    exact = lattice if lattice and lattice.resolved else None
+    if p and (chain or not exact):
         drawn = run_chain(density, stream, ess, steps, lattice, progress)
-    if lattice is None:
-        return drawn
-    return replace(
-        drawn,
-        log_evidence=lattice.log_evidence,
-        u_log_evidence=lattice.u_log_evidence,
-        exact=lattice if lattice.resolved else None,
-    )
-
-
-def _independent(density: Density, theta: FloatArray, sampler: str, stream: Stream) -> Posterior:
-    """Independent draws (m, p) as `CHAINS` chains."""
-    m, p = theta.shape
-    chains = theta.reshape(CHAINS, m // CHAINS, p)
-    return Posterior(
-        names=density.problem.names,
-        theta=chains,
-        levels_N=levels(density, chains, stream("levels")),
-        log_prob=density(theta).reshape(chains.shape[:2]),
-        sampler=sampler,
-        ess=np.full(p, float(m)),
-        ess_tail=np.full(p, float(m)),
-        tau=np.ones(p),
-    )
+    else:
+        theta = exact.draw(stream("grid"), count) if exact else np.zeros((count, 0))
+        theta = np.clip(theta, *density.problem.model.bounds)
+        chains = theta.reshape(CHAINS, count // CHAINS, p)
+        drawn = Posterior(
+            names=density.problem.names,
+            theta=chains,
+            levels_N=levels(density, chains, stream("levels")),
+            log_prob=density(theta).reshape(chains.shape[:2]),
+            sampler="grid" if p else "none",
+            ess=np.full(p, float(count)),
+            ess_tail=np.full(p, float(count)),
+            tau=np.ones(p),
+        )
+    evidence = (float(drawn.log_prob[0, 0]), 0.0) if not p else (math.nan, math.nan)
+    if lattice:
+        evidence = lattice.log_evidence, lattice.u_log_evidence
+    return replace(drawn, log_evidence=evidence[0], u_log_evidence=evidence[1], exact=exact)
 
 
 def run_chain(
@@ -207,44 +196,43 @@ def run_chain(
         tau = autocorrelation_time(theta[steps // 4 :])
         slowest = float(tau.max())
         burn = min(math.ceil(BURN * slowest), steps - 1)
-        need = math.ceil(max(LENGTHS, 1.1 * ess / count) * slowest) + burn
         late = theta[burn:]
-        reached = late.shape[0] * count / tau
+        reached = len(late) * count / tau
+        need = math.ceil(max(LENGTHS, 1.1 * ess / count) * slowest) + burn
         if steps >= need:
             ends = np.quantile(late, [0.05, 0.95], axis=(0, 1))
             tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
-            if reached.min() >= ess and tail.min() >= TAIL * ess:
+            short = max(ess / reached.min(), TAIL * ess / max(float(tail.min()), 1.0))
+            if short <= 1:
                 # two draws for each effective one that is asked for, more would tell little more;
                 # arviz takes fewer of a walker than there are walkers for a mistake
-                thin = max(late.shape[0] // max(2 * ess // count, count), 1)
+                thin = max(len(late) // max(2 * ess // count, count), 1)
                 kept = late[::thin].transpose(1, 0, 2)
                 check = compare(density.problem.names, kept, lattice) if lattice else None
-                if check and check.failed:
-                    if least or 2 * steps > most:
-                        raise NotConverged(
-                            place,
-                            f"emcee and the grid disagree: {check.where},"
-                            f" {check.apart:.1f} Monte Carlo standard errors apart (at most"
-                            f" {APART:g})",
-                            f"a longer chain may agree: `steps = {4 * steps}` in [fit] (now"
-                            f" {most}); there may be several peaks, or one at a bound",
-                        )
+                if not (check and check.failed):
+                    return Posterior(
+                        names=density.problem.names,
+                        theta=kept,
+                        levels_N=levels(density, kept, stream("levels")),
+                        log_prob=sampler.get_log_prob()[burn::thin].T,
+                        sampler="emcee",
+                        tau=tau,
+                        ess=reached,
+                        ess_tail=tail,
+                        acceptance=float(np.mean(sampler.acceptance_fraction)),
+                        steps=steps,
+                        checks=(check,) if check else (),
+                    )
+                if not least and 2 * steps <= most:
                     least = 2 * steps
                     continue
-                return Posterior(
-                    names=density.problem.names,
-                    theta=kept,
-                    levels_N=levels(density, kept, stream("levels")),
-                    log_prob=sampler.get_log_prob()[burn::thin].T,
-                    sampler="emcee",
-                    tau=tau,
-                    ess=reached,
-                    ess_tail=tail,
-                    acceptance=float(np.mean(sampler.acceptance_fraction)),
-                    steps=steps,
-                    checks=(check,) if check else (),
+                raise NotConverged(
+                    place,
+                    f"emcee and the grid disagree: {check.where},"
+                    f" {check.apart:.1f} Monte Carlo standard errors apart (at most {APART:g})",
+                    f"a longer chain may agree: `steps = {4 * steps}` in [fit] (now {most});"
+                    " there may be several peaks, or one at a bound",
                 )
-            short = max(ess / reached.min(), TAIL * ess / max(float(tail.min()), 1.0))
             need = math.ceil(steps * max(1.2, 1.1 * short))
         if steps >= most:
             raise NotConverged(

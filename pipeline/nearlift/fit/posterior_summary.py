@@ -14,10 +14,8 @@ from nearlift.campaign.choices import FitOptions
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import posterior
-from nearlift.fit.density import Density
+from nearlift.fit.density import Density, TruncatedPrior
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.fit.posterior import Posterior
-from nearlift.fit.prior import TruncatedPrior
 from nearlift.results.estimate import Estimate
 from nearlift.results.fit import (
     DeclaredPrior,
@@ -78,11 +76,41 @@ def add_posterior(
             raise
         note = f"{data.boundary}: {name} has no posterior: {fault.what}; {fault.remedy}"
         return entry, [], [note]
+    parameters, levels = {}, {}
     columns = {n: drawn.theta[:, :, i] for i, n in enumerate(drawn.names)}
-    levels = {float(t): drawn.levels_N[:, :, i] for i, t in enumerate(data.levels)}
-    if base:
-        columns |= {level_name(t): draws for t, draws in levels.items()}
-    parameters = {n: _parameter(density, drawn, fitted, i) for i, n in enumerate(drawn.names)}
+    for i, (n, draws) in enumerate(columns.items()):
+        mean, sd = drawn.exact.moments(i) if drawn.exact else (draws.mean(), draws.std())
+        low, median, high = drawn.quantiles(i, QUANTILES)
+        prior = density.priors[i]
+        ratio, words = compare_with_prior(prior, draws.ravel())
+        before, parameter = prior.quantile([0.05, 0.95]).tolist(), prior.parameter
+        # without degrees of freedom the draws know only what trials of one visit do not share
+        known = bool(fitted.effective[i])
+        parameters[n] = PosteriorParameter(
+            value=mean,
+            u=sd,
+            median=median,
+            lo90=low if known else -math.inf,
+            hi90=high if known else math.inf,
+            unit=parameter.unit,
+            ess=drawn.ess[i],
+            ess_tail=drawn.ess_tail[i],
+            tau=drawn.tau[i],
+            prior=DeclaredPrior(
+                text=str(parameter.prior), lo90=before[0], hi90=before[1], bounds=parameter.bounds
+            ),
+            width_ratio=ratio,
+            words=words,
+        )
+    for throttle, draws in zip(
+        data.levels.tolist(), np.moveaxis(drawn.levels_N, 2, 0), strict=True
+    ):
+        low, median, high = np.quantile(draws, QUANTILES)
+        levels[throttle] = Estimate(
+            value=draws.mean(), u=draws.std(), median=median, lo90=low, hi90=high, unit="N"
+        )
+        if base:
+            columns[level_name(throttle)] = draws
     summary = PosteriorSummary(
         model=name,
         data_sha256=data_sha256,
@@ -96,7 +124,7 @@ def add_posterior(
         noise_dof=density.dof,
         checks=drawn.checks,
         parameters=parameters,
-        L_inf_N={t: _level(draws) for t, draws in levels.items()},
+        L_inf_N=levels,
     )
     evidence = Estimate(value=drawn.log_evidence, u=drawn.u_log_evidence)
     rows = [draw_rows(data.boundary, name, n, x, drawn.log_prob) for n, x in columns.items()]
@@ -115,40 +143,6 @@ def draw_rows(
         "value": values.ravel(),
         "log_prob": log_prob.ravel(),
     }
-
-
-def _level(draws: FloatArray) -> Estimate:
-    low, median, high = np.quantile(draws, QUANTILES)
-    return Estimate(value=draws.mean(), u=draws.std(), median=median, lo90=low, hi90=high, unit="N")
-
-
-def _parameter(
-    density: Density, drawn: Posterior, fitted: LeastSquaresFit, i: int
-) -> PosteriorParameter:
-    prior, draws = density.priors[i], drawn.theta[:, :, i].ravel()
-    parameter = prior.parameter
-    ratio, words = compare_with_prior(prior, draws)
-    mean, sd = drawn.exact.moments(i) if drawn.exact else (draws.mean(), draws.std())
-    low, median, high = drawn.quantiles(i, QUANTILES)
-    # without degrees of freedom the draws know only what trials of one visit do not share
-    known = bool(fitted.effective[i])
-    before = prior.quantile([0.05, 0.95]).tolist()
-    return PosteriorParameter(
-        value=mean,
-        u=sd,
-        median=median,
-        lo90=low if known else -math.inf,
-        hi90=high if known else math.inf,
-        unit=parameter.unit,
-        ess=drawn.ess[i],
-        ess_tail=drawn.ess_tail[i],
-        tau=drawn.tau[i],
-        prior=DeclaredPrior(
-            text=str(parameter.prior), lo90=before[0], hi90=before[1], bounds=parameter.bounds
-        ),
-        width_ratio=ratio,
-        words=words,
-    )
 
 
 def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float, str]:
