@@ -114,10 +114,10 @@ def test_density_of_the_campaign_is_absorbed_and_of_a_session_is_not():
 
 def test_what_nobody_declared_is_listed_with_what_it_would_do():
     data = campaign(3, visits=8)
-    listed = {u.on: u for u in summary(fitted(data), ()).undeclared}
+    listed = {u.on: u for u in summary(fitted(data)).undeclared}
     assert set(listed) == {"rotor_radius", "rotor_spacing", "height"}
     one = fitted(data, (part("rotor_radius"),))
-    assert {u.on for u in summary(one, ()).undeclared} == {"rotor_spacing", "height"}
+    assert {u.on for u in summary(one).undeclared} == {"rotor_spacing", "height"}
     radius, spacing, height = (
         abs(listed[on].shift["K_b"]) for on in ("rotor_radius", "rotor_spacing", "height")
     )

@@ -99,7 +99,7 @@ def test_the_truth_is_found_where_nothing_scatters():
 def test_numbers_that_papers_quote_are_what_they_say():
     data = campaign(3)
     fitted = fit(MODEL, data, (), SCATTER)
-    found = summary(fitted, ())
+    found = summary(fitted)
     level = np.array([found.L_inf_N[t].value for t in data.throttle])
     ratio = sanchez_cuevas(data.z_hat, fitted.theta[0])
     assert found.rmse == pytest.approx(np.sqrt(np.mean(np.log(data.lift_N / level / ratio) ** 2)))
@@ -157,7 +157,7 @@ def test_a_model_with_nothing_free_is_compared_all_the_same(name, visits):
         (),
     )
     assert found.dof == data.n - 4
-    entry = summary(found, ())
+    entry = summary(found)
     assert np.isfinite([entry.chi2, entry.rmse, entry.aic, entry.bic]).all()
     assert all(level.u > 0 for level in found.levels.values())
 

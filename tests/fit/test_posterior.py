@@ -16,7 +16,7 @@ from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density, TruncatedPrior
 from nearlift.fit.least_squares import fit
-from nearlift.fit.posterior_summary import compare_with_prior
+from nearlift.fit.summary import compare_with_prior
 from nearlift.results import Noise
 
 NOISE = Noise(relative=0.005, force_N=3e-4, height_m=1e-4)

@@ -21,7 +21,7 @@ SCATTER = Noise(relative=0.01)
 
 def profile(model, data, parts=(), scatter=SCATTER, **more):
     found = fit(catalogue.model(model), data, parts, scatter, **more)
-    return found, {p.parameter: p for p in profiles.likelihood_profiles(found)}
+    return found, profiles.likelihood_profiles(found)
 
 
 def width(profile, level):
@@ -36,10 +36,8 @@ def test_a_well_measured_coefficient_has_a_parabola():
     [sd] = np.sqrt(np.diag(found.covariance))
     assert k.rise == pytest.approx(((k.value - found.theta[0]) / sd) ** 2, rel=0.05, abs=0.02)
     assert (k.ends.lo90, k.ends.hi90) == pytest.approx((e.lo90, e.hi90), abs=0.02 * e.u)
-    assert k.ends.open == {}
     for level, z in ((68, 0.9945), (90, 1.6449), (95, 1.96)):
         assert width(k, level) == pytest.approx(2 * z * e.u, rel=0.02)
-    assert k.ends.skew == pytest.approx(1, abs=0.05)
 
 
 def test_two_coefficients_against_lmfit():
@@ -72,7 +70,6 @@ def test_two_coefficients_against_lmfit():
         assert (own[name].ends.lo95, own[name].ends.hi95) == pytest.approx(
             (low, high), abs=0.01 * found.estimates[name].u
         )
-    assert abs(own["p"].ends.skew - 1) > 0.03  # or a parabola would have done
 
 
 def _chance(z):
@@ -98,7 +95,6 @@ def test_an_end_beyond_a_bound_is_open():
     )
     alpha = own["alpha"]
     assert alpha.value[0] == pytest.approx(0, abs=1e-8)
-    assert alpha.ends.open["95"] == ("low",)
     assert np.isnan(alpha.ends.lo95)
     assert np.isfinite(alpha.ends.hi95)
 
@@ -112,14 +108,13 @@ def test_a_profile_that_rises_slowly_is_followed_outwards():
     a, u = own["a"], found.estimates["a"].u
     assert a.value[-1] > found.theta[0] + 10 * profiles.REACH * u
     assert a.ends.hi95 > found.theta[0] + 40 * u
-    assert a.ends.skew > 5
     low = np.linspace(found.theta[0] - 3 * u, found.theta[0], 301)
     p = np.linspace(*found.model.parameters[1].bounds, 2001)
     chi2 = np.array(
         [found.problem.chi2(np.stack([np.full_like(p, x), p], axis=1)).min() for x in low]
     )
     assert a.ends.lo95 == pytest.approx(np.interp(-3.8415, -(chi2 - chi2.min()), low), abs=0.02 * u)
-    assert own["p"].ends.open["95"] == ("low",)  # no exponent is too small
+    assert np.isnan(own["p"].ends.lo95)  # no exponent is too small
 
 
 def test_student_widens_every_level():

@@ -158,7 +158,7 @@ def test_the_degree_is_judged_by_visits_left_out(bend: float, degree: int) -> No
 
 def test_a_curve_is_told_with_its_uncertainty_and_not_beyond_its_trials() -> None:
     found = fit(BASE, with_curve(scattered(8), ["throttle", "supply_V"], 1))
-    entry = typed(ModelFit, json.loads(json.dumps(as_json(summary(found, ())))))
+    entry = typed(ModelFit, json.loads(json.dumps(as_json(summary(found)))))
     levels = entry.levels
     assert levels is not None
     assert len(entry.L_inf_N) == level_curve.SHOWN

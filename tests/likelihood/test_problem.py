@@ -17,7 +17,7 @@ from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import InputRefused
 from nearlift.fit.least_squares import assemble
 from nearlift.likelihood import budget
-from nearlift.likelihood.problem import Likelihood, need, usable
+from nearlift.likelihood.problem import Likelihood, need, usable, where_finite
 from nearlift.results import Noise, Observations
 
 MODEL = catalogue.model("sanchez_cuevas")
@@ -213,3 +213,20 @@ def test_usable_leaves_out_the_pole_itself_keeps_the_upper_end_and_free_air():
     )
     keep = usable(bounded(0.5, 2.0), data)
     assert set(data.z_hat[keep]) == {0.6, 2.0, np.inf}
+
+
+@pytest.mark.parametrize("lost", [np.inf, -np.inf, np.nan])
+def test_a_row_without_a_value_is_nan_throughout_and_never_multiplied(lost):
+    """BLAS kernels differ in what they make of inf and nan."""
+    matrix, x = np.arange(6.0).reshape(3, 2), np.arange(18.0).reshape(2, 3, 3)
+    expected = x @ matrix
+    x[1, 1, 2] = lost
+
+    def linear(rows):
+        assert np.isfinite(rows).all()
+        return rows @ matrix
+
+    found = where_finite(linear, x)
+    assert np.isnan(found[1, 1]).all()
+    rest = np.arange(6) != 4
+    assert np.array_equal(found.reshape(6, 2)[rest], expected.reshape(6, 2)[rest])

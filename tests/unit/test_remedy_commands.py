@@ -14,7 +14,7 @@ import pytest
 
 import nearlift as package
 from nearlift.cli import main
-from nearlift.fit.base_result import NOT_LOOKED_AT
+from nearlift.fit.estimator import NOT_LOOKED_AT
 
 from . import small_run
 from .small_run import nearlift

@@ -147,7 +147,7 @@ class Density:
             value = float(self(at(x)[None, :])[0])
             return -value if np.isfinite(value) else 1e10
 
-        ends = np.column_stack([low - start, high - start]) / scale[:, None]
+        ends = list(zip((low - start) / scale, (high - start) / scale, strict=True))
         end = minimize(cost, np.zeros(len(start)), method="L-BFGS-B", jac="3-point", bounds=ends).x
         near = np.round(16 * end) / 16
         return at(near if cost(near) < 1e10 else end)

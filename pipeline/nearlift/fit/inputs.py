@@ -25,7 +25,7 @@ from nearlift import derivative
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.fit.information import UNITS
 from nearlift.likelihood.budget import INPUTS, Component
-from nearlift.likelihood.problem import Likelihood, needed
+from nearlift.likelihood.problem import Likelihood, lift_ratio
 from nearlift.results import Observations
 from nearlift.results.fit import UndeclaredInput
 
@@ -65,14 +65,8 @@ def _derivative(
 
 def _log_ratio(model: LiftModel, data: Observations, coefficients: dict[str, float]) -> FloatArray:
     """Log L / L_inf of each trial; 0 in free air and where the model has no value."""
-    known = needed(model, data)
-    near = np.isfinite(data.z_hat)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.asarray(
-            model.evaluate(np.where(near, data.z_hat, 1.0), **coefficients, **known), dtype=float
-        )
-        log = np.log(np.where(ratio > 0, ratio, np.nan))
-    return np.where(near & np.isfinite(log), log, 0.0)
+        return np.nan_to_num(np.log(lift_ratio(model, data, coefficients)), posinf=0.0, neginf=0.0)
 
 
 def _scaled(data: Observations, part: Component, factor: float) -> Observations:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
-
-from numpy.typing import NDArray
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, LiftModel
@@ -17,13 +14,12 @@ from nearlift.fit import (
     held_quantity,
     influence,
     inputs,
-    profiles,
     rotor,
 )
-from nearlift.fit.base_result import base_result
+from nearlift.fit.estimator import base_result
 from nearlift.fit.least_squares import LeastSquaresFit, fit
-from nearlift.fit.posterior_summary import add_posterior
-from nearlift.fit.summary import summary
+from nearlift.fit.posterior import Table
+from nearlift.fit.summary import add_posterior, summary
 from nearlift.likelihood import budget, student
 from nearlift.likelihood.noise import REPEATS
 from nearlift.likelihood.problem import height_slope
@@ -31,7 +27,6 @@ from nearlift.results import Observations
 from nearlift.results.fit import FitResults, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult
 
-Table = dict[str, NDArray[Any]]
 Progress = Callable[[str, float], None]
 #: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
 #: errors are not there: fewer than one false note in a million boundaries.
@@ -84,7 +79,7 @@ def fit_boundary(
     def entry(model: LiftModel, fitted: LeastSquaresFit) -> ModelFit:
         entry, draws, notes = add_posterior(
             fitted,
-            summary(fitted, profiles.likelihood_profiles(fitted)),
+            summary(fitted),
             campaign.fit,
             seed,
             data_sha256,

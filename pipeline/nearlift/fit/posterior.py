@@ -11,8 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import randomness
 from nearlift.declare import FloatArray
@@ -48,6 +50,7 @@ JUMPS = 0.1
 
 Stream = Callable[[str], np.random.Generator]
 Progress = Callable[[int], None]
+Table = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +98,17 @@ class Posterior:
         if self.exact:
             return self.exact.quantiles(i, probabilities)
         return np.asarray(np.quantile(self.theta[:, :, i], probabilities), dtype=np.float64)
+
+    def rows(self, boundary: str, model: str, name: str, values: FloatArray) -> Table:
+        """Rows of a table of draws for one quantity; `values` are (chains, draws)."""
+        chain, draw = np.indices(values.shape)
+        labels = {"boundary": boundary, "model": model, "parameter": name}
+        return {k: np.full(values.size, label, dtype=object) for k, label in labels.items()} | {
+            "chain": chain.ravel(),
+            "draw": draw.ravel(),
+            "value": values.ravel(),
+            "log_prob": self.log_prob.ravel(),
+        }
 
 
 def sample(

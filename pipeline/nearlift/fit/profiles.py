@@ -45,18 +45,17 @@ class Profile:
         chi2 above its least, all else optimised.
     """
 
-    parameter: str
     value: FloatArray
     rise: FloatArray
     ends: ProfileIntervals
 
 
-def likelihood_profiles(fit: LeastSquaresFit) -> tuple[Profile, ...]:
-    """The profile of every coefficient that the trials determine."""
+def likelihood_profiles(fit: LeastSquaresFit) -> dict[str, Profile]:
+    """The profile of every coefficient that the trials determine, by name."""
     sd = np.sqrt(np.diag(fit.covariance))
     known = [i for i, e in enumerate(fit.estimates.values()) if np.isfinite(e.u) and sd[i] > 0]
     stations = Stations.from_problem(fit.problem)
-    return tuple(_profile(fit, i, sd, stations) for i in known)
+    return {fit.names[i]: _profile(fit, i, sd, stations) for i in known}
 
 
 def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray, stations: Stations) -> Profile:
@@ -83,12 +82,7 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray, stations: Stations) -
             break
     value, chi2 = value[np.isfinite(chi2)], chi2[np.isfinite(chi2)]
     rise = chi2 - chi2.min()
-    return Profile(
-        parameter=fit.names[i],
-        value=value,
-        rise=rise,
-        ends=_intervals(value, rise, dof),
-    )
+    return Profile(value=value, rise=rise, ends=_intervals(value, rise, dof))
 
 
 def _threshold(level: int, dof: float) -> float:
@@ -115,16 +109,11 @@ def _intervals(value: FloatArray, rise: FloatArray, dof: float) -> ProfileInterv
     """
     best, root = int(np.argmin(rise)), np.sqrt(np.maximum(rise, 0.0))
     ends: dict[str, float] = {}
-    opened: dict[str, tuple[str, ...]] = {}
     for level in LEVELS:
         wanted = _threshold(level, dof) ** 0.5
-        low = _crossing(value[best::-1], root[best::-1], wanted)
-        high = _crossing(value[best:], root[best:], wanted)
-        ends |= {f"lo{level}": low, f"hi{level}": high}
-        if beyond := tuple(n for n, x in (("low", low), ("high", high)) if not np.isfinite(x)):
-            opened[str(level)] = beyond
-    below, above = float(value[best]) - ends["lo90"], ends["hi90"] - float(value[best])
-    return ProfileIntervals(**ends, open=opened, skew=above / below if below > 0 else float("nan"))
+        ends[f"lo{level}"] = _crossing(value[best::-1], root[best::-1], wanted)
+        ends[f"hi{level}"] = _crossing(value[best:], root[best:], wanted)
+    return ProfileIntervals(**ends)
 
 
 def _crossing(value: FloatArray, root: FloatArray, wanted: float) -> float:

@@ -9,7 +9,7 @@ by a percent or less, so the difference to a likelihood in force is of second or
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -21,9 +21,20 @@ from nearlift import derivative
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood.covariance import Covariance
-from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
+
+
+def where_finite(linear: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
+    """`linear` of `x` row by row, (..., n) to (..., m); nan throughout where a row holds inf or
+    nan.
+
+    BLAS kernels differ in their results for inf and nan, so such rows never reach them.
+    """
+    whole = np.isfinite(x).all(axis=-1, keepdims=True)
+    if whole.all():
+        return linear(x)
+    return np.where(whole, linear(np.where(whole, x, 0.0)), np.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,14 +247,13 @@ def height_slope(
     """D log ratio / d z of each trial, per metre, at given parameter values and every distance
     moved by `offset_m`.
     """
-    known = needed(model, data)
-    inside = np.isfinite(data.z_hat)
-    z_hat = np.where(inside, data.z_hat + offset_m / data.radius_m, 1.0)
+    known, z_hat = needed(model, data), data.z_hat + offset_m / data.radius_m
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = derivative.at_zero(
             lambda t: np.log(model.evaluate(z_hat * (1 + t), **parameters, **known))
         )
-    return np.where(inside & np.isfinite(slope), slope / z_hat / data.radius_m, 0.0)
+        slope = slope / z_hat / data.radius_m
+    return np.nan_to_num(slope, posinf=0.0, neginf=0.0)
 
 
 def usable(model: LiftModel, data: Observations) -> NDArray[np.bool_]:

@@ -15,8 +15,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.covariance import group_sums
-from nearlift.likelihood.finite import where_finite
-from nearlift.likelihood.problem import Likelihood
+from nearlift.likelihood.problem import Likelihood, where_finite
 from nearlift.results import IntArray
 
 #: With more stations than this their triangle costs more than whitening every trial.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood import noise
-from nearlift.likelihood.finite import where_finite
+from nearlift.likelihood.problem import where_finite
 from nearlift.loop import weigh
 from nearlift.loop.candidate_fit import Fitted, minima
 from nearlift.loop.confirmation import FEW_VISITS

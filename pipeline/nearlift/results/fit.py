@@ -117,8 +117,7 @@ class ExcludedTrial:
 class ProfileIntervals:
     """Intervals of one coefficient by its profile likelihood, of 68, 90 and 95 %.
 
-    An end is nan where the profile does not rise enough before it stops; `open` names those ends
-    (``low``, ``high``) by level. `skew` is upper over lower part of the 90 % interval.
+    An end is nan where the profile does not rise enough before it stops.
     """
 
     lo68: Real
@@ -127,8 +126,6 @@ class ProfileIntervals:
     hi90: Real
     lo95: Real
     hi95: Real
-    open: Mapping[str, tuple[str, ...]]
-    skew: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -254,7 +251,7 @@ class ModelFit:
     `L_inf_N` is the lift far from every boundary, N, per throttle (a fraction). Of a curve (then
     `levels` is one) it is given at some throttles, its other arguments at their medians. `chi2` is
     against the scatter of repeats. `rmse` is relative, `r2` of cell means of `delta_L`, `r2_near`
-    the same within `r2_near_range`, at the ground only; nan where too few cells are.
+    the same for 1 < z_hat < 3, at the ground only; nan where too few cells are.
     `height_error` is the most probable height error that all trials share, m, where the slope does
     not carry it.
     """
@@ -268,7 +265,6 @@ class ModelFit:
     rmse: Real
     r2: Real
     r2_near: IfAny[float] = None
-    r2_near_range: IfAny[tuple[Real, Real]] = None
     log_likelihood: Real
     aic: Real
     bic: Real

@@ -67,10 +67,9 @@ def run(job: Job) -> Outcome:
 
     import numpy as np
 
-    from nearlift.fit.base_result import base_result, shape_doubts
+    from nearlift.fit.estimator import base_result, shape_doubts
     from nearlift.fit.least_squares import fit
     from nearlift.fit.posterior import sample
-    from nearlift.fit.posterior_summary import draw_rows
     from nearlift.likelihood import budget
     from nearlift.loop.diagnose import diagnose
     from nearlift.loop.result import with_posterior
@@ -139,7 +138,7 @@ def run(job: Job) -> Outcome:
             )
             quoted[boundary] = with_posterior(quoted[boundary], drawn)
             draws += [
-                draw_rows(boundary, base.name, n, drawn.theta[:, :, k], drawn.log_prob)
+                drawn.rows(boundary, base.name, n, drawn.theta[:, :, k])
                 for k, n in enumerate(drawn.names)
             ]
         loop = diagnosis.findings
