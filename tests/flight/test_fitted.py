@@ -25,8 +25,7 @@ from nearlift.flight.quoted_lift import QuotedLift
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.files import drawn, render
 from nearlift.report.registry import FIGURES
-from nearlift.run.engine import stage_of
-from nearlift.stages import STAGES, simulate
+from nearlift.stages import simulate
 from nearlift.stages.gathering import gather
 from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
 
@@ -102,7 +101,7 @@ def lies_within(level, rate, widened=0.5):
 )
 def test_levels_of_the_paper_s_vehicle(boundary, formula, side):
     """Explicit Euler at 0.1 s, 4000 flights against the product's 400."""
-    how = paper.AS_PRINTED.simulation(boundary, 400, KEY)
+    how = paper.simulation("paper", boundary, 400, KEY)
     levels = paper.published_flights("paper", how, (0.5, 0.01))[0].levels
     with_model = [level for level in levels if level.exponent == 1.0]
     assert [level.risk for level in with_model] == [0.5, 0.01]
@@ -396,9 +395,3 @@ def test_contact_is_measured_from_the_datum():
 def test_settings_that_cannot_fly_are_refused_with_the_manifest(changes, words):
     with pytest.raises(ManifestError, match=words):
         manifest.parse(raw_manifest(simulate=QUICK | changes))
-
-
-def test_the_manifest_decides_whether_run_includes_flights():
-    stage = stage_of(STAGES, "simulate")
-    for changes in ({}, {"simulate": {}}):
-        assert stage.configured(manifest.parse(raw_manifest(**changes))) == bool(changes)

@@ -12,7 +12,7 @@ from scipy import stats
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flight import paper
-from nearlift.flight.paper import AS_PRINTED, CONVERGED, CRAZYFLIE_AS_PRINTED, DISTURBANCE, GAINS
+from nearlift.flight.paper import CRAZYFLIE_AS_PRINTED, DISTURBANCE, GAINS
 from nearlift.flight.simulation import normals, tabulate
 from nearlift.flight.vehicle import Craft, Gains, Groups
 from nearlift.run.workers import open_executor
@@ -36,7 +36,7 @@ def test_runge_kutta_and_fine_euler_crash_alike():
     """With a step of 1/64 hold explicit Euler agrees with Runge-Kutta flight by flight, but for a
     few.
     """
-    how = CONVERGED.simulation("ground", 60, KEY)
+    how = paper.simulation("converged", "ground", 60, KEY)
     fine = replace(how, runge_kutta=False, steps_per_hold=64)
     one, two = (h.ended(NO_BOUNDARY, [0.8, 0.9, 1.0]) >= 0 for h in (how, fine))
     assert (one != two).mean() < 0.05
@@ -44,7 +44,7 @@ def test_runge_kutta_and_fine_euler_crash_alike():
 
 @pytest.mark.parametrize("workers", ["threads:3", "processes:2"])
 def test_workers_blocks_and_order_change_nothing(workers):
-    how, targets = AS_PRINTED.simulation("ground", 170, KEY), [0.8, 1.0, 1.2]
+    how, targets = paper.simulation("paper", "ground", 170, KEY), [0.8, 1.0, 1.2]
     alone = how.ended(NO_BOUNDARY, targets)
     with open_executor(workers) as pool:
         assert np.array_equal(replace(how, spread=pool.map).ended(NO_BOUNDARY, targets), alone)
@@ -59,17 +59,17 @@ def test_workers_blocks_and_order_change_nothing(workers):
 
 
 def test_supply_and_slow_gusts_crash_more():
-    how = CONVERGED.simulation("ground", 300, KEY)
+    how = paper.simulation("converged", "ground", 300, KEY)
     steady, sagging = (how.ended(NO_BOUNDARY, 1.0, 0, [0.0, -0.2]) >= 0).sum(axis=1)
     assert sagging > steady + 30
-    how = AS_PRINTED.simulation("ground", 200, KEY)
+    how = paper.simulation("paper", "ground", 200, KEY)
     slow = replace(how.groups, correlation=3 * how.groups.hold)
     crashed = (replace(how, groups=slow).ended(NO_BOUNDARY, 1.5) >= 0).mean()
     assert crashed > (how.ended(NO_BOUNDARY, 1.5) >= 0).mean() + 0.1
 
 
 def test_a_trace_is_the_flight_that_was_counted():
-    how = AS_PRINTED.simulation("ground", 60, KEY)
+    how = paper.simulation("paper", "ground", 60, KEY)
     ended = how.ended(NO_BOUNDARY, 1.0)
     crashing, living = int(np.flatnonzero(ended >= 0)[0]), int(np.flatnonzero(ended < 0)[0])
     heights = how.trace(NO_BOUNDARY, 1.0, 0, crashing)
@@ -111,7 +111,7 @@ def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
         big, groups.gains(big), groups.disturbance(big), groups.duration * big.time_s
     )
     unscaled = Groups.scaled(big, GAINS["ground"], DISTURBANCE, 120.0)
-    how = AS_PRINTED.simulation("ground", 150, KEY)
+    how = paper.simulation("paper", "ground", 150, KEY)
     one, two, other = (
         replace(how, groups=g).ended(NO_BOUNDARY, [0.9, 1.0, 1.1, 1.2]) >= 0
         for g in (groups, carried, unscaled)

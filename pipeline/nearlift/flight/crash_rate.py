@@ -253,9 +253,3 @@ def halved_step(
         worst_target_z_hat=float(target_z_hat[worst]),
         step_s=how.step_s,
     )
-
-
-def combined(parts: Sequence[StepTest]) -> StepTest:
-    """Several tests as one, with the worst change of all."""
-    worst = max(parts, key=lambda c: c.worst)
-    return replace(worst, converged=all(c.converged for c in parts))

@@ -129,7 +129,7 @@ def conditions(
         what = f"{gusts.hold_s:g} s is longer than a flight of {duration_s:.3g} s"
         raise ManifestError("simulate.gusts.hold", what, "give a shorter hold")
     return replace(
-        paper.CONVERGED.simulation(boundary, chosen.flights, key, spread),
+        paper.simulation("converged", boundary, chosen.flights, key, spread),
         groups=Groups.scaled(craft, gains, gusts, duration_s, contact_m / craft.radius_m),
         hold_s=gusts.hold_s,
     )

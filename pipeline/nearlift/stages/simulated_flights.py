@@ -46,14 +46,13 @@ def simulated_flights(job: Job) -> tuple[SafetyResult, Rows, Rows, tuple[str, ..
             published = {}
             for boundary in paper.MODELS:
                 say(f"{name} {boundary}")
-                preset = paper.PRESETS[name]
-                how = preset.simulation(boundary, chosen.flights, key, executor.map)
+                how = paper.simulation(name, boundary, chosen.flights, key, executor.map)
                 entry, rows = paper.published_flights(name, how, chosen.risks)
                 published[boundary] = entry
                 tests[f"{name} {boundary}"] = entry.convergence
                 rates += rows
                 samples += paper.histories(name, boundary, key) if name == "paper" else []
-            presets[name] = paper.PresetFlights(meaning=preset.meaning, boundaries=published)
+            presets[name] = paper.PresetFlights(meaning=paper.MEANINGS[name], boundaries=published)
         for boundary in flown:
             say(f"fitted {boundary}")
             lift = quoted.lift(boundary, chosen.draws)
