@@ -150,9 +150,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
             effect="height_offset",
             absorbed_by="K_b",
             share_visible=0.1,
-            in_units_of="u(K_b)",
             u=u,
-            u_of="base fit",
             **{"bias_at_detection_limit": 0.0, "hidden": False} | hidden,
         )
         return SimpleNamespace(verdict=verdict, untestable={}, silent=(silent,) if hidden else ())

@@ -141,9 +141,7 @@ def test_what_could_move_the_number_unseen_is_looked_for_first(
             "absorbed_by": "K_b",
             "share_visible": 0.1,
             "bias_at_detection_limit": 1e3,
-            "in_units_of": "u(K_b)",
             "u": quoted.coefficients["K_b"].u,
-            "u_of": "base fit",
             "hidden": True,
         }
     ]

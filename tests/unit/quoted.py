@@ -48,9 +48,9 @@ EMPTY_PARTS: Mapping[str, Mapping[str, Any]] = {
     "effects": {"rivals": [], "parameters": {}},
     "structure": {"family": "", "significant": False},
     "untestable": {"needs": [], "log_next_time": []},
-    "silent": {"share_visible": 0.0, "in_units_of": "", "u": None, "u_of": "", "hidden": False},
+    "silent": {"share_visible": 0.0, "u": None, "hidden": False},
     "next_experiment": {"trials_to_separate": 0},
-    "error": {"held_out_trials": 0, "chosen_in_folds": []},
+    "error": {"chosen_in_folds": []},
     "coefficients": {"before": {}, "after": {}, "carried": []},
     "look": {"trials": 0, "scheduled": 0, "p_value_needed": 0.0},
 }

@@ -431,12 +431,12 @@ def _variance(covariance: FloatArray, i: int, members: slice) -> Callable[[float
 
 def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: float) -> Remedy:
     """Effect of a measurement of another quantity on the uncertainty of coefficient i."""
-    variance, within = _variance(covariance, i, other.members), covariance[(other.members,) * 2]
+    variance = _variance(covariance, i, other.members)
     whole, best = variance(0.0), max(variance(EXACT), 0.0)
     u, u_best = scale * whole**0.5, scale * best**0.5
     r = (1 - best / whole) ** 0.5
     correlated, needed = f"multiple r = {r:.2f}", float("nan")
-    if len(within) == 1:
+    if other.members.stop - other.members.start == 1:
         r = float(np.copysign(r, covariance[i, other.members.start]))
         correlated = f"r = {signed(r, 2)}"
     effect = (
@@ -449,7 +449,6 @@ def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: fl
     return Remedy(
         quantity=other.name,
         r=r,
-        known_to=float(np.sqrt(np.diag(within).mean())) * other.scale,
         needed=needed,
         u=u,
         u_best=u_best,

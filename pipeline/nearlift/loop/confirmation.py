@@ -289,6 +289,5 @@ def error(answer: Answer, noise_floor: float) -> LoopError | None:
         before=rmse(before),
         after=rmse(after),
         change=changed,
-        held_out_trials=int(keep.sum()),
         chosen_in_folds=tuple(scored.chosen),
     )

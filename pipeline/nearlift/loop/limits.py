@@ -134,9 +134,7 @@ def silent(
             absorbed_by=by,
             share_visible=share,
             bias_at_detection_limit=bias,
-            in_units_of=f"u({names[0]})",
             u=float(u[0]),
-            u_of="base fit, noise floor of the loop",
             hidden=hidden,
         )
         for effect, by, share, bias, hidden in sorted(unseen, key=lambda row: -row[3])

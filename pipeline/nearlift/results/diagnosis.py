@@ -150,7 +150,6 @@ class LoopError:
     before: HeldOutRmse
     after: HeldOutRmse
     change: IfAny[Estimate] = None
-    held_out_trials: int
     chosen_in_folds: tuple[str, ...]
 
 

@@ -133,14 +133,13 @@ class Remedy:
     """Gain of a coefficient from independent knowledge of one quantity, or of each of a kind.
 
     `r` is the correlation of the two; of several of a kind, the multiple correlation, without a
-    sign. `known_to` is the standard uncertainty of the quantity by trials and budget, in `unit`.
-    `needed` is the one that would halve the coefficient's, nan if even an exact one would not. `u`
-    and `u_best` are the coefficient's now, and with the quantity known exactly.
+    sign. `needed` is the standard uncertainty of the quantity, in `unit`, that would halve the
+    coefficient's; nan if even an exact one would not. `u` and `u_best` are the coefficient's now,
+    and with the quantity known exactly.
     """
 
     quantity: str
     r: Real
-    known_to: Real
     needed: Real
     u: Real
     u_best: Real

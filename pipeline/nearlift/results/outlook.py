@@ -57,16 +57,14 @@ class Sensitivity:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SilentEffect:
     """An effect that coefficients and L_inf absorb, and its bias while undetected, in standard
-    uncertainties `u` of the headline coefficient.
+    uncertainties `u` of the headline coefficient by the base fit.
     """
 
     effect: str
     absorbed_by: str
     share_visible: Real
     bias_at_detection_limit: Real
-    in_units_of: str
     u: Real
-    u_of: str
     hidden: bool
 
     @property
