@@ -85,13 +85,9 @@ def test_a_force_that_cannot_be_this_vehicles_is_refused(
 ) -> None:
     with pytest.raises(InputRefused, match=match):
         judge.against_weight(table(factor), in_unit(unit))
-
-
-def test_a_force_in_free_air_is_judged_too() -> None:
+    free = table(1e3, boundary=np.array(["none"] * 8, dtype=object))
     with pytest.raises(InputRefused, match="in free air"):
-        judge.against_weight(
-            table(1e3, boundary=np.array(["none"] * 8, dtype=object)), in_unit("N")
-        )
+        judge.against_weight(free, in_unit("N"))
 
 
 def test_a_possible_lift_passes_and_rejected_trials_do_not_judge() -> None:
@@ -102,42 +98,24 @@ def test_a_possible_lift_passes_and_rejected_trials_do_not_judge() -> None:
     none = table(quality=np.array(["STUCK"] * 8, dtype=object))
     for trials in (table(0.15), table(), table(6.5), slow, bad, none):
         judge.against_weight(trials, in_unit("N"))
-
-
-def test_ten_times_the_weight_gets_a_note_and_a_usual_one_none() -> None:
     assert "which is unusual" in judge.against_weight(lifts([3.9, 3.8]), in_unit("mN"))[0]
     assert judge.against_weight(lifts([0.41, 0.42]), in_unit("mN")) == []
 
 
 @pytest.mark.parametrize(
-    ("on", "value", "said"),
+    ("unsettled", "cell", "said"),
     [
-        ("height", "46.1 mm", "'46.1 mm' is no less than the least distance, 46 mm"),
-        ("height", "45.9 mm", ""),
-        ("force", "0.61 N", "'datum': value = '0.61 N' is no less than the largest lift, 606 mN"),
-        ("force", "0.6 N", ""),
-        ("gain", "50 percent", ""),
+        (3, {}, "Is `tare` or `settle` too short"),
+        (0, {"range": None, "accuracy": "1.5 gf"}, "counts for nothing without `range`"),
+        (1, {"range": "100 gf", "accuracy": "4.9 gf"}, ""),
     ],
 )
-def test_an_uncertainty_as_large_as_what_it_is_of_is_noted(on: str, value: str, said: str) -> None:
-    part = {"name": "datum", "on": on, "value": value, "scope": "boundary"}
-    notes = judge.campaign_notes(table(), manifest(uncertainty=[part]))
-    assert said in "".join(notes)
-    assert bool(said) == bool(notes)
-
-
-@pytest.mark.parametrize(
-    ("cell", "said"),
-    [
-        ({"range": "100 gf", "accuracy": "20 gf"}, "is 20% of `range`, where cells have"),
-        ({"range": "100 gf", "accuracy": "4.9 gf"}, ""),
-        ({"range": None, "accuracy": "1.5 gf"}, "counts for nothing without `range`"),
-    ],
-)
-def test_a_load_cell_worse_than_any_is_noted_and_one_without_a_range(
-    cell: dict[str, Any], said: str
+def test_unsettled_records_and_an_accuracy_without_a_range_are_noted(
+    unsettled: int, cell: dict[str, Any], said: str
 ) -> None:
-    notes = judge.campaign_notes(table(), manifest(load_cell=cell))
+    codes = ["unsettled"] * unsettled + [""] * (4 - unsettled)
+    trials = lifts([0.41] * 4, codes) | {"visit": np.arange(4), "trial": np.arange(4)}
+    notes = judge.judge(trials, manifest(load_cell=cell))
     assert said in "".join(notes)
     assert bool(said) == bool(notes)
 
@@ -150,31 +128,28 @@ def test_lift_that_does_not_rise_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("samples", "before", "after"),
+    ("samples", "before", "after", "planned"),
     [
-        (1000, [], []),
-        (960, ["truncated"], ["truncated"]),
-        (900, ["truncated"], ["truncated", "SHORT"]),
-        (900, [], ["short"]),
-        (499, [], ["SHORT"]),
-        (0, ["EMPTY"], ["EMPTY"]),
+        (1000, [], [], []),
+        (999, [], [], ["short"]),
+        (960, ["truncated"], ["truncated"], ["truncated", "short"]),
+        (900, ["truncated"], ["truncated", "SHORT"], ["truncated", "SHORT"]),
+        (900, [], ["short"], ["SHORT"]),
+        (499, [], ["SHORT"], ["SHORT"]),
+        (0, ["EMPTY"], ["EMPTY"], ["EMPTY"]),
     ],
 )
-def test_lengths_are_judged_by_the_median(
-    samples: int, before: list[str], after: list[str]
+def test_lengths_are_judged_by_the_median_or_by_the_plan(
+    samples: int, before: list[str], after: list[str], planned: list[str]
 ) -> None:
-    codes: list[list[str]] = [[], [], [], list(before)]
-    judge.check_lengths({"n": np.array([1000, 1000, 1000, samples])}, codes, manifest())
-    assert codes == [[], [], [], after]
-
-
-def test_lengths_are_judged_by_the_plan_where_there_is_one() -> None:
-    codes: list[list[str]] = [[], [], [], []]
-    planned = manifest(load_cell={"record": "5 s"})
-    judge.check_lengths({"samples": np.array([1000, 999, 900, 0])}, codes, planned)
-    assert codes == [[], ["short"], ["SHORT"], []]
+    counts = np.array([1000, 1000, 1000, samples])
+    plan = manifest(load_cell={"record": "5 s"})
+    for campaign, codes in ((manifest(), after), (plan, planned)):
+        given: list[list[str]] = [[], [], [], list(before)]
+        judge.check_lengths({"n": counts, "samples": counts}, given, campaign)
+        assert given == [[], [], [], codes]
     with pytest.raises(InputRefused, match=r"900 samples .*\n.* is the rate 180 Hz\?"):
-        judge.check_lengths({"samples": np.array([900, 900])}, codes, planned)
+        judge.check_lengths({"samples": np.array([900, 900])}, [[], []], plan)
 
 
 @pytest.mark.parametrize(
@@ -245,9 +220,3 @@ def test_a_trial_without_lift_is_marked_unless_it_is_rejected_already(
     lift: list[float], quality: list[str], stopped: list[int]
 ) -> None:
     assert judge.without_lift(lifts(lift, quality)).tolist() == stopped
-
-
-def test_a_campaign_of_unsettled_records_is_noted() -> None:
-    notes = judge.campaign_notes(lifts([0.2] * 4, ["unsettled"] * 3 + [""]), manifest())
-    assert "Is `tare` or `settle` too short" in notes[0]
-    assert judge.campaign_notes(lifts([0.2] * 4, ["unsettled"] + [""] * 3), manifest()) == []

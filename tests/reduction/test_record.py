@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination, slow_noise
-from nearlift.reduction.mean_noise import part_of
 from nearlift.reduction.quality import reason
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.reduction.samples import Conditions
@@ -62,21 +62,19 @@ def test_tare_settle_and_mean_are_exact() -> None:
     assert got.u_lift_N < 1e-3
 
 
-CASES: list[tuple[str, dict[str, Any], float]] = [
-    ("white", {}, 1.0),
-    ("tone", {"tone": 1e-2}, 1.0),
-    ("strong tone", {"tone": 4e-2}, 1.0),
-    ("tone off the grid", {"tone": 1e-2, "tone_Hz": 63.7}, 1.0),
-    ("low tone", {"tone": 1e-2, "tone_Hz": 37.3}, 1.0),
-    ("short", {"tone": 5e-3, "live": 1000, "tare": 200}, 1.0),
-    ("noise of 20 ms", {"memory": 0.95}, 0.96),
-    ("noise of 20 ms and tone", {"memory": 0.95, "tone": 1e-2}, 0.96),
-    ("noise of 50 ms and tone", {"memory": 0.98, "tone": 1e-2}, 0.92),
-]
+CASES: dict[str, tuple[dict[str, Any], float]] = {
+    "white": ({}, 1.0),
+    "strong tone": ({"tone": 4e-2}, 1.0),
+    "tone off the grid": ({"tone": 1e-2, "tone_Hz": 63.7}, 1.0),
+    "low tone": ({"tone": 1e-2, "tone_Hz": 37.3}, 1.0),
+    "short": ({"tone": 5e-3, "live": 1000, "tare": 200}, 1.0),
+    "noise of 20 ms": ({"memory": 0.95}, 0.96),
+    "noise of 50 ms and tone": ({"memory": 0.98, "tone": 1e-2}, 0.92),
+}
 
 
-@pytest.mark.parametrize(("given", "ratio"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
-def test_standard_error_is_the_scatter_of_the_mean(given: dict[str, Any], ratio: float) -> None:
+@pytest.mark.parametrize("case", list(CASES))
+def test_standard_error_is_the_scatter_of_the_mean(case: str) -> None:
     """Root mean square u against the scatter of 600 lifts, and coverage of u's 95 % interval.
 
     The scatter is known to 2.9 % and the mean square u to 0.7 %, so that 4 standard errors are
@@ -84,7 +82,7 @@ def test_standard_error_is_the_scatter_of_the_mean(given: dict[str, Any], ratio:
     where u is 13 % low) with a standard error of 0.011. The chance of crying wolf is below 0.1 %
     for each case.
     """
-    rng = np.random.default_rng(1)
+    rng, (given, ratio) = np.random.default_rng(1), CASES[case]
     tare_s = given.get("tare", 2000) / RATE
     got = [reduced(record(rng, **given), tare_s=tare_s) for _ in range(600)]
     lift, u = np.array([g.lift_N for g in got]), np.array([g.u_lift_N for g in got])
@@ -175,11 +173,6 @@ def test_the_tares_own_error_counts() -> None:
     )
 
 
-def test_density_of_few_samples_is_their_variance() -> None:
-    away = np.array([1.0, -1.0, 1.0, -1.0, 0.0])
-    assert part_of(away, RATE, tone=True).density == pytest.approx(1.0)
-
-
 def test_slope_and_its_codes() -> None:
     rng = np.random.default_rng(5)
     ramp = np.concatenate([np.zeros(2000), np.linspace(-0.5, 0.5, 10000)])
@@ -210,6 +203,7 @@ def test_zero_after_the_trial_judges_the_drift() -> None:
         (np.s_[5000:5050], ("out_of_range",)),
         (np.s_[5000:5200], ("OUT_OF_RANGE",)),
         (np.s_[2000:], ("OUT_OF_RANGE", "NO_DATA")),
+        (np.s_[:2000], ("OUT_OF_RANGE", "NO_DATA")),
     ],
 )
 def test_samples_without_a_number(where: slice, codes: tuple[str, ...]) -> None:
@@ -222,32 +216,21 @@ def test_samples_without_a_number(where: slice, codes: tuple[str, ...]) -> None:
         assert got.lift_N == pytest.approx(0.2, abs=2e-4)
     else:
         assert np.isnan(got.lift_N)
-
-
-def test_nothing_after_the_tare_and_nothing_in_it() -> None:
     assert reduced(np.zeros(1500)).codes == ("NO_DATA",)
     assert reduced(np.zeros(0), codes=("EMPTY",)).codes == ("EMPTY",)
-    force = record(np.random.default_rng(8))
-    force[:2000] = np.nan
-    assert reduced(force).codes == ("OUT_OF_RANGE", "NO_DATA")
 
 
-def test_a_stuck_channel() -> None:
+@pytest.mark.parametrize(
+    ("where", "codes"),
+    [(np.s_[2000:], ("STUCK",)), (np.s_[5000:6500], ("STUCK",)), (np.s_[5000:5500], ())],
+)
+def test_a_channel_that_repeats_one_value_is_stuck_and_a_coarse_one_is_not(
+    where: slice, codes: tuple[str, ...]
+) -> None:
     force = record(np.random.default_rng(9))
-    flat = force.copy()
-    flat[2000:] = 0.2
-    assert reduced(flat).codes == ("STUCK",)
-    part = force.copy()
-    part[5000:6500] = part[5000]
-    assert reduced(part).codes == ("STUCK",)
-    brief = force.copy()
-    brief[5000:5500] = brief[5000]
-    assert reduced(brief).codes == ()
-
-
-def test_a_coarse_cell_is_not_stuck() -> None:
-    force = np.round(record(np.random.default_rng(10)) / 8e-3) * 8e-3
-    assert reduced(force).codes == ()
+    assert reduced(np.round(force / 8e-3) * 8e-3).codes == ()
+    force[where] = 0.2
+    assert reduced(force).codes == codes
 
 
 def test_saturation_by_range_and_by_rail() -> None:
@@ -331,33 +314,20 @@ def test_a_coarse_rest_or_lift_that_holds_is_no_code() -> None:
     assert {"MIXED", "STUCK"} & {*reduced(force[100:], tare_s=0.0).codes}
 
 
-def test_one_spike_in_the_tare_is_left_out_whatever_is_in_the_live_part() -> None:
-    clean = record(np.random.default_rng(5), tare=40, live=120)
-    force = clean.copy()
-    force[[12, 60, 90, 130]] = 24.0, 90.0, 120.0, 60.0
-    got = reduced(force, tare_s=40 / RATE)
-    assert (got.codes, got.n_removed) == (("spikes",), 4)
-    assert got.lift_N == pytest.approx(reduced(clean, tare_s=40 / RATE).lift_N, abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("n", "places", "single"),
-    [
-        (10, [3], True),
-        (10, [3, 7], False),
-        (100, [3, 20, 40, 60, 80], True),
-        (100, [3, 20, 40, 60, 80, 90], False),
-        (1000, range(500, 505), True),
-        (1000, range(500, 506), False),
-    ],
-)
-def test_a_twentieth_of_the_samples_in_runs_of_five_are_single(
-    n: int, places: list[int], single: bool
-) -> None:
+@pytest.mark.parametrize("n", [100, 1000])
+def test_a_twentieth_of_the_samples_in_runs_of_five_are_single(n: int) -> None:
     """And one sample of however few."""
-    mask = np.zeros(n, dtype=bool)
-    mask[list(places)] = True
-    assert contamination.are_single(mask) == single
+
+    def single(n: int, places: Any) -> bool:
+        return contamination.are_single(np.isin(np.arange(n), places))
+
+    spread = np.arange(n // 20) * 17
+    assert single(n, spread)
+    assert not single(n, [*spread, n - 1])
+    assert single(1000, range(500, 505))
+    assert not single(1000, range(500, 506))
+    assert single(10, [3])
+    assert not single(10, [3, 7])
 
 
 def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
@@ -373,15 +343,6 @@ def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
     force[300:520] = 20.0
     assert "SATURATED" in reduced(force, tare_s=0.2, range_N=9.8).codes
     assert "SATURATED" in reduced(clean + 20.1, tare_s=0.2, range_N=9.8).codes
-
-
-def test_one_block_that_stands_out_moves_the_mean_by_its_share():
-    values = np.random.default_rng(3).normal(0, 0.01, 320)
-    values[200:210] += 1.0
-    means = contamination.blocks(values)
-    others = np.delete(means, 20)
-    moved, _ = contamination.moved_by_segment(values, 0.0)
-    assert moved == pytest.approx((means[20] - np.median(others)) / 32, rel=1e-9)
 
 
 @pytest.mark.parametrize(("first", "size"), [(700, 64), (1136, 64), (500, 30)])
@@ -414,6 +375,23 @@ def test_no_number_overflows() -> None:
 
 # ---- the tare
 
+UNEVEN: dict[str, Callable[[Any, int], Any]] = {
+    "zeroed at the start": lambda i, n: 0.3 * (i < 64),
+    "zeroed": lambda i, n: 0.3 * (abs(i - n / 2) < 32),
+    "rotors stop": lambda i, n: 0.2 * np.exp(-i / (n / 20)),
+    "rotors start": lambda i, n: 0.05 * np.clip((i - 0.9 * n) / (0.1 * n), 0, 1),
+    "step": lambda i, n: 0.1 * (i >= n // 2),
+    "early step": lambda i, n: 0.1 * (i < 0.4 * n),
+    "every third sample": lambda i, n: 0.1 * (i % 3 == 0),
+}
+WANDERS: dict[str, Callable[[Any], Any]] = {
+    "rises": lambda x: x,
+    "falls": lambda x: -x,
+    "bump": lambda x: np.sin(np.pi * x),
+    "dent": lambda x: -np.sin(np.pi * x),
+    "rises late": lambda x: np.clip(2 * x - 1, 0, 1),
+}
+
 
 @pytest.mark.parametrize("tare", [2000, 200, 40, 8])
 @pytest.mark.parametrize("size", [9.04, -0.3, 0.15])
@@ -433,55 +411,26 @@ def test_a_glitch_in_the_tare_does_not_move_the_lift(tare: int, size: float) -> 
 
 
 @pytest.mark.parametrize("tare", [2000, 200])
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda n: 0.3 * (np.arange(n) < 64),
-        lambda n: 0.3 * (abs(np.arange(n) - n / 2) < 32),
-        lambda n: 0.2 * np.exp(-np.arange(n) / (n / 20)),
-        lambda n: 0.05 * np.clip((np.arange(n) - 0.9 * n) / (0.1 * n), 0, 1),
-        lambda n: 0.1 * (np.arange(n) >= n // 2),
-        lambda n: 0.1 * (np.arange(n) < 0.4 * n),
-        lambda n: 0.1 * (np.arange(n) % 3 == 0),
-    ],
-    ids=[
-        "zeroed at the start",
-        "zeroed",
-        "rotors stop",
-        "rotors start",
-        "step",
-        "early step",
-        "every third sample",
-    ],
-)
-def test_a_tare_that_is_not_one_level_is_refused(tare: int, damage: Any) -> None:
+@pytest.mark.parametrize("name", list(UNEVEN))
+def test_a_tare_that_is_not_one_level_is_refused(tare: int, name: str) -> None:
     force = record(np.random.default_rng(21), tare=tare)
-    force[:tare] += damage(tare)
+    force[:tare] += UNEVEN[name](np.arange(tare), tare)
     assert reduced(force, tare_s=tare / RATE).codes == ("TARE",)
 
 
 @pytest.mark.parametrize("tare", [2000, 400, 200])
-@pytest.mark.parametrize(
-    "shape",
-    [
-        lambda x: x,
-        lambda x: -x,
-        lambda x: np.sin(np.pi * x),
-        lambda x: -np.sin(np.pi * x),
-        lambda x: np.clip(2 * x - 1, 0, 1),
-    ],
-    ids=["rises", "falls", "bump", "dent", "rises late"],
-)
-def test_a_zero_that_wanders_within_the_tare_is_told_and_carried(tare: int, shape: Any) -> None:
+@pytest.mark.parametrize("name", list(WANDERS))
+def test_a_zero_that_wanders_within_the_tare_is_told_and_carried(tare: int, name: str) -> None:
     """By 6 mN, three times the noise of a sample, without an edge: the trial's zero may be half of
     that from the mean, and u says so.
     """
     clean = record(np.random.default_rng(24), tare=tare, live=1000)
     force = clean.copy()
-    force[:tare] += 6e-3 * shape(np.arange(tare) / tare)
+    shape = WANDERS[name](np.arange(tare) / tare)
+    force[:tare] += 6e-3 * shape
     got = reduced(force, tare_s=tare / RATE)
     assert got.codes == ("TARE",) or (got.codes == ("drift",) and got.u_lift_N > 2e-3)
-    force[:tare] = clean[:tare] + 0.05 * shape(np.arange(tare) / tare)
+    force[:tare] = clean[:tare] + 0.05 * shape
     assert not {"DRIFT", "TARE"}.isdisjoint(reduced(force, tare_s=tare / RATE).codes)
 
 
@@ -522,19 +471,6 @@ def test_a_tare_of_ordinary_noise_is_its_plain_mean() -> None:
                 assert got.lift_N == pytest.approx(
                     force[tare:].mean() - force[:tare].mean(), rel=1e-12
                 )
-
-
-def test_rotors_that_ran_in_the_tare() -> None:
-    force = record(np.random.default_rng(13))
-    assert "TARE" in reduced(force, tare_s=2.15).codes
-    assert reduced(force, tare_s=1.999).codes == ()
-
-
-def test_a_spin_up_that_settle_should_have_covered() -> None:
-    force = record(np.random.default_rng(14))
-    force[2000:2500] *= np.linspace(0.2, 1, 500)
-    assert "unsettled" in reduced(force).codes
-    assert reduced(force, settle_s=0.5).codes == ()
 
 
 @pytest.mark.parametrize("settle_s", [0.0, 0.5, 1.0])
@@ -606,35 +542,3 @@ def test_a_stumbling_clock() -> None:
 def test_another_rate_is_refused(clock: np.ndarray, match: str) -> None:
     with pytest.raises(InputRefused, match=match):
         reduced(record(np.random.default_rng(17)), time_s=clock, where="a.csv")
-
-
-def test_a_stopped_head_left_in_the_record_is_noticed():
-    rng = np.random.default_rng(0)
-    head, live = rng.normal(0, 1e-3, 300), rng.normal(0.2, 1e-3, 1000)
-    assert "unsettled" in reduce_record(np.r_[head, live], Conditions(rate_Hz=1000.0)).codes
-    assert "unsettled" not in reduce_record(live, Conditions(rate_Hz=1000.0)).codes
-
-
-@pytest.mark.parametrize("share", [0.02, 0.05])
-def test_error_codes_of_a_converter_leave_the_coefficient_and_its_uncertainty(share: float) -> None:
-    """k of 1/(1 - k (R/4z)^2) is 0.7; codes are 2^23 - 1, -2^23 and 0 in hundredths of mN."""
-    x = (1 / (4 * np.repeat([0.6, 0.7, 0.85, 1.1, 1.5, 2.2, 3.5, 6.0], 3))) ** 2
-    lifts: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
-    for i, lift in enumerate(0.3 / (1 - 0.7 * x)):
-        rng = np.random.default_rng([1, i])
-        force = lift * (np.arange(320) >= 80) + 0.007 + rng.normal(0, 0.002, 320)
-        bad, codes = rng.random(320) < share, rng.choice([83.88607, -83.88608, 0.0], 320)
-        for spoilt in (False, True):
-            spikes = np.where(bad, codes, force) if spoilt else force
-            got = reduce_record(spikes, Conditions(rate_Hz=80.0, tare_s=1.0))
-            lifts[spoilt].append((got.lift_N, got.u_lift_N))
-    k, u = {}, {}
-    for spoilt, pairs in lifts.items():
-        lift_N, u_N = np.array(pairs).T
-        # 1/L is a line in x
-        line, covariance = np.polyfit(x, 1 / lift_N, 1, w=lift_N**2 / u_N, cov="unscaled")
-        k[spoilt] = -line[0] / line[1]
-        u[spoilt] = np.sqrt(covariance[0, 0]) / line[1]
-    assert abs(k[True] - 0.7) < 3 * u[True]
-    assert abs(k[True] - k[False]) < u[False]
-    assert 1 / 1.5 < u[True] / u[False] < 1.5

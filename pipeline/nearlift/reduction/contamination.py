@@ -1,5 +1,4 @@
-"""Outlying samples and blocks of samples of a tare, by median and median
-absolute deviation (Hampel 1974).
+"""Outlying samples and blocks of samples, by median and median absolute deviation (Hampel 1974).
 
 Median and deviation hold out against damage to nearly half of the samples, where mean and standard
 deviation follow a single one.
@@ -50,6 +49,16 @@ ENOUGH_CODES = 2000
 EDGE, FEWEST_TO_STEP = 0.25, 8
 
 
+# ---- samples
+
+
+def step_of(values: FloatArray) -> float:
+    """The step between a converter's codes; next to nothing where values are not coarse."""
+    steps = np.sort(np.diff(np.unique(values[:ENOUGH_CODES])))
+    # a damaged sample need not be on a code
+    return float(steps[len(steps) // 10]) if len(steps) else 0.0
+
+
 def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
     """Whether single samples, and whether a segment, may be outlying: a first and cheap look."""
 
@@ -60,21 +69,13 @@ def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
         away = np.sort(np.abs(some - level))
         return level, float(away[middle]), float(away[-1])
 
-    n = len(values)
+    n, means = len(values), blocks(values)
     level, deviation, _ = spread(values[:: max(1, n // FIRST_LOOK)])
     far = max(sums.high - level, level - sums.low) > NEARER * _apart(n) * SD_PER_MAD * deviation
-    means = blocks(values)
     if len(means) < FEWEST_BLOCKS:
         return far, False
     farthest, of_steps = spread(means)[2], spread(np.diff(means))[1]
     return far, farthest > UNEVEN * SD_PER_MAD * of_steps / 2**0.5
-
-
-def step_of(values: FloatArray) -> float:
-    """The step between a converter's codes; next to nothing where values are not coarse."""
-    steps = np.sort(np.diff(np.unique(values[:ENOUGH_CODES])))
-    # a damaged sample need not be on a code
-    return float(steps[len(steps) // 10]) if len(steps) else 0.0
 
 
 def far_samples(values: FloatArray, step: float) -> BoolArray:
@@ -82,11 +83,8 @@ def far_samples(values: FloatArray, step: float) -> BoolArray:
     away = np.abs(values - median(values))
     limit = _apart(len(values)) * max(SD_PER_MAD * median(away), HIDDEN * step)
     nearer: BoolArray = away > NEARER * limit
-    return (
-        nearer
-        if len(values) >= MIN_SAMPLES and np.count_nonzero(nearer) >= MIN_OUTLYING
-        else away > limit
-    )
+    many = len(values) >= MIN_SAMPLES and np.count_nonzero(nearer) >= MIN_OUTLYING
+    return nearer if many else away > limit
 
 
 def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> BoolArray | None:
@@ -126,24 +124,28 @@ def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> 
 
 def are_single(mask: BoolArray, largest_share: float = LARGEST_SHARE) -> bool:
     """Whether the masked samples are single ones, which can be left out, and no whole part."""
+    few = np.count_nonzero(mask) <= max(1.0, largest_share * len(mask))
+    return bool(few) and longest_run(mask) <= LONGEST_RUN
+
+
+def longest_run(mask: BoolArray) -> int:
+    """Most successive samples for which the mask holds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    return (
-        int(np.count_nonzero(mask)) <= max(1.0, largest_share * len(mask))
-        and int((edges[1::2] - edges[::2]).max(initial=0)) <= LONGEST_RUN
-    )
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+# ---- segments
 
 
 def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     """Shift of the mean by the most outlying segment (0 if none), and whether that is at the
-    beginning.
-
-    Such a segment is a block of damage or a second level.
+    beginning: a block of damage or a second level.
 
     It is the segment that explains most of the squares of the blocks' means: the longer it is, the
     smaller a change shows. The noise about the two levels leaves out the two blocks that fit worst,
     in which the segment may begin and end.
     """
-    means, noise = blocks(values), HIDDEN * step / math.sqrt(_length(len(values)))
+    means, noise = blocks(values), _hidden_noise(values, step)
     n = len(means)
     if n < FEWEST_BLOCKS:
         return 0.0, False
@@ -198,11 +200,12 @@ def ends_apart(values: FloatArray, step: float) -> float:
     """By how much the first or the last block differs from the median one, where that is more than
     the noise between neighbours; else 0.
     """
-    means, noise = blocks(values), HIDDEN * step / math.sqrt(_length(len(values)))
+    means = blocks(values)
     if len(means) < FEWEST_BLOCKS:
         return 0.0
     apart = float(np.abs(means[[0, -1]] - median(means)).max())
-    noise = max(noise, SD_PER_MAD * median(np.abs(np.diff(means))) / 2**0.5)
+    of_steps = SD_PER_MAD * median(np.abs(np.diff(means))) / 2**0.5
+    noise = max(_hidden_noise(values, step), of_steps)
     return apart if apart > _apart(len(means)) * noise else 0.0
 
 
@@ -212,14 +215,15 @@ def slow_drift(values: FloatArray, means: FloatArray, step: float) -> float:
     A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes
     for noise.
     """
-    n, noise = len(means), HIDDEN * step / math.sqrt(_length(len(values)))
+    n = len(means)
     if n < FEWEST_BLOCKS or len(values) < n * SHORTEST_BLOCK:
         return 0.0
     curves = _cubic(n)
     weights = curves.T @ means
     curve = curves @ weights
     left = means - np.add.reduce(means) / n - curve
-    least = max(float(left @ left) / (n - 1 - CUBIC), noise**2) * _memory(left)
+    noise2 = max(float(left @ left) / (n - 1 - CUBIC), _hidden_noise(values, step) ** 2)
+    least = noise2 * _memory(left)
     if float(weights @ weights) <= TREND * (1 + (SMALL_SAMPLE / n) ** 2) ** 2 * CUBIC * least:
         return 0.0
     return float(curve.max() - curve.min()) / 2
@@ -235,10 +239,8 @@ def _memory(left: FloatArray) -> float:
 @functools.lru_cache(maxsize=32)
 def _cubic(n: int) -> FloatArray:
     """Orthonormal polynomials of degree 1 to 3 at n places, (n, 3)."""
-    curves: FloatArray = np.linalg.qr(
-        np.vander(np.linspace(-1.0, 1.0, n), CUBIC + 1, increasing=True)
-    )[0]
-    return np.ascontiguousarray(curves[:, 1:])
+    powers = np.vander(np.linspace(-1.0, 1.0, n), CUBIC + 1, increasing=True)
+    return np.ascontiguousarray(np.linalg.qr(powers)[0][:, 1:])
 
 
 def blocks(values: FloatArray) -> FloatArray:
@@ -253,6 +255,11 @@ def blocks(values: FloatArray) -> FloatArray:
 def _length(n: int) -> int:
     """Samples of a block."""
     return max(n // BLOCKS, SHORTEST_BLOCK if n >= FEWEST_BLOCKS * SHORTEST_BLOCK else 1)
+
+
+def _hidden_noise(values: FloatArray, step: float) -> float:
+    """Noise of a block's mean that a converter's step may hide."""
+    return HIDDEN * step / math.sqrt(_length(len(values)))
 
 
 def _apart(n: int) -> float:

@@ -34,15 +34,18 @@ ODD = (0.2, 6.0)
 REACH = 2.0
 #: As many trials at one place and throttle show how well they repeat.
 FEWEST_TO_REPEAT = 5
-#: Departure of a load cell from a straight line over its range: catalogues of strain-gauge cells
-#: state 0.0002 to 0.01.
-WORST_CELL = 0.05
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
 #: Median u(zero) over median u(lift), above which a constant tare is a fault.
 TARE_SCATTERS = 0.1
 #: The columns of a cell.
 CELL = ["boundary", "z_hat", "throttle"]
+#: Places without a boundary's effect.
+FAR_FROM = {side: f"far from the {side}" for side in ("ground", "ceiling", "sidewall")}
+FAR_FROM["none"] = "in free air"
+
+
+# ---- records
 
 
 def record_codes(
@@ -62,8 +65,8 @@ def record_codes(
         same += ["lift_N", "sd_N"]
     rows = pd.DataFrame({name: columns[name] for name in same}).assign(owner=owners)
     rows = rows[columns["n"] > 0]
-    first = rows.groupby(same, dropna=False)["owner"].transform("first")
-    twice = rows.assign(first=first)[rows["owner"] != first]
+    rows["first"] = rows.groupby(same, dropna=False)["owner"].transform("first")
+    twice = rows[rows["owner"] != rows["first"]]
     for i in twice.index:
         codes[i].append("DUPLICATE")
     pairs = twice[["owner", "first"]].drop_duplicates().itertuples(index=False)
@@ -117,6 +120,9 @@ def check_lengths(columns: Table, codes: Sequence[list[str]], campaign: Campaign
         codes[i].append("SHORT" if (counts[i] < least if planned else aborted) else "short")
 
 
+# ---- trials
+
+
 def judge(table: Table, campaign: Campaign) -> list[str]:
     """Check trials against each other; adds codes to `table`, and returns notes.
 
@@ -136,7 +142,15 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
         mark("IMPLAUSIBLE", np.flatnonzero(np.abs(table["lift_N"]) > heavy))
     mark("NO_LIFT", without_lift(table))
     mark("other_throttle", other_throttle(table))
-    notes += campaign_notes(table, campaign)
+    texts = table["quality"][~rejected(table["quality"])]
+    share = sum("unsettled" in text.split() for text in texts) / max(len(texts), 1)
+    if share >= 0.5:
+        notes.append(
+            f"{share:.0%} of the records begin with another force than they go on with."
+            " Is `tare` or `settle` too short (rotors still at rest), or is sample_rate wrong?"
+        )
+    if campaign.load_cell.accuracy is not None and campaign.load_cell.range is None:
+        notes.append("load_cell.accuracy is at full range, and counts for nothing without `range`")
     for side in dict.fromkeys(table["boundary"].tolist()):
         # trials that repeats and neighbours contradict
         mine = np.flatnonzero(
@@ -163,11 +177,6 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
     return notes
 
 
-#: Places without a boundary's effect.
-FAR_FROM = {side: f"far from the {side}" for side in ("ground", "ceiling", "sidewall")}
-FAR_FROM["none"] = "in free air"
-
-
 def _accepted(table: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
     """Boundary, distance, throttle and lift of the accepted trials with a lift, by their row."""
     good = ~rejected(table["quality"]) & np.isfinite(table["lift_N"].astype(float))
@@ -175,17 +184,47 @@ def _accepted(table: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
     return trials.set_axis(np.flatnonzero(good), axis="index")
 
 
-# ---- against the weight
+def without_lift(table: Mapping[str, NDArray[Any]]) -> pd.Index[int]:
+    """Rows of the trials whose lift is not positive, or under a twentieth of their throttle's
+    median.
+    """
+    good = _accepted(table)
+    usual = good.groupby("throttle")["lift_N"].transform("median")
+    return good.index[(good["lift_N"] <= 0) | (good["lift_N"] < STOPPED * usual)]
 
 
-def far_lifts(table: Mapping[str, NDArray[Any]]) -> pd.Series[float]:
+def other_throttle(table: Mapping[str, NDArray[Any]]) -> list[int]:
+    """Rows of the trials that lift as those of another throttle do at their place: their label may
+    be wrong.
+
+    Such a trial is more than six times the usual scatter off its own throttle's median. It is
+    within three times of another's. Each throttle has five trials or more. A supply that sags moves
+    lift too, but not onto another throttle whose trials repeat well.
+    """
+    good = _accepted(table)
+    good = good[good.groupby(CELL)["lift_N"].transform("size") >= FEWEST_TO_REPEAT]
+    good["median"] = good.groupby(CELL)["lift_N"].transform("median")
+    away = (good["lift_N"] - good["median"]).abs()
+    good["scatter"] = SD_PER_MAD * away.groupby([good[name] for name in CELL]).transform("median")
+    levels = good.drop_duplicates(CELL)[[*CELL, "median", "scatter"]]
+    odd = good[away > 6 * good["scatter"]].reset_index(names="row")
+    pairs = odd.merge(levels, on=CELL[:2], suffixes=("", "_other"))
+    off = (pairs["lift_N"] - pairs["median_other"]).abs()
+    near = (pairs["throttle"] != pairs["throttle_other"]) & (off < 3 * pairs["scatter_other"])
+    return [*dict.fromkeys(pairs.loc[near, "row"].tolist())]
+
+
+# ---- lift far from a boundary
+
+
+def _far_lifts(table: Mapping[str, NDArray[Any]]) -> pd.Series[float]:
     """Median lift, N, of the good trials farthest from each boundary, by boundary and throttle.
 
     Farthest for each throttle, since not every throttle is run at every station.
     """
     good = _accepted(table)
-    farthest = good.groupby(["boundary", "throttle"])["z_hat"].transform("max")
-    return good[good["z_hat"] == farthest].groupby(["boundary", "throttle"])["lift_N"].median()
+    farthest = good.groupby(CELL[::2])["z_hat"].transform("max")
+    return good[good["z_hat"] == farthest].groupby(CELL[::2])["lift_N"].median()
 
 
 def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
@@ -200,7 +239,7 @@ def against_weight(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> lis
         The largest far lift is more than 15 times the weight, or negative. Or it is less than a
         hundredth (a quarter at a throttle of 75 % and more).
     """
-    far, weight = far_lifts(table), campaign.vehicle.mass * campaign.rig.gravity
+    far, weight = _far_lifts(table), campaign.vehicle.mass * campaign.rig.gravity
     if far.empty:
         return []
     series, key = campaign.records.force, "records.force.unit"
@@ -243,45 +282,9 @@ def _other_unit(lift: float, weight: float, unit: str) -> str:
     return f"{asked} or correct [vehicle] mass"
 
 
-# ---- single trials
-
-
-def without_lift(table: Mapping[str, NDArray[Any]]) -> pd.Index[int]:
-    """Rows of the trials whose lift is not positive, or under a twentieth of their throttle's
-    median.
-    """
-    good = _accepted(table)
-    usual = good.groupby("throttle")["lift_N"].transform("median")
-    return good.index[(good["lift_N"] <= 0) | (good["lift_N"] < STOPPED * usual)]
-
-
-def other_throttle(table: Mapping[str, NDArray[Any]]) -> list[int]:
-    """Rows of the trials that lift as those of another throttle do at their place: their label may
-    be wrong.
-
-    Such a trial is more than six times the usual scatter off its own throttle's median. It is
-    within three times of another's. Each throttle has five trials or more. A supply that sags moves
-    lift too, but not onto another throttle whose trials repeat well.
-    """
-    good = _accepted(table)
-    good = good[good.groupby(CELL)["lift_N"].transform("size") >= FEWEST_TO_REPEAT]
-    good["median"] = good.groupby(CELL)["lift_N"].transform("median")
-    away = (good["lift_N"] - good["median"]).abs()
-    good["scatter"] = SD_PER_MAD * away.groupby([good[name] for name in CELL]).transform("median")
-    levels = good.drop_duplicates(CELL)[[*CELL, "median", "scatter"]]
-    odd = good[away > 6 * good["scatter"]].reset_index(names="row")
-    pairs = odd.merge(levels, on=CELL[:2], suffixes=("", "_other"))
-    off = (pairs["lift_N"] - pairs["median_other"]).abs()
-    near = (pairs["throttle"] != pairs["throttle_other"]) & (off < 3 * pairs["scatter_other"])
-    return [*dict.fromkeys(pairs.loc[near, "row"].tolist())]
-
-
-# ---- the campaign
-
-
 def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float, float]]:
     """Throttles over which far lift does not rise: (boundary, lower, upper, lift below, above)."""
-    far = far_lifts(table).reset_index()
+    far = _far_lifts(table).reset_index()
     far[["lower", "below"]] = far.groupby("boundary")[["throttle", "lift_N"]].shift()
     falls = far.loc[far["lift_N"] <= far["below"]]
     columns = ["boundary", "lower", "throttle", "below", "lift_N"]
@@ -296,7 +299,7 @@ def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, floa
     """
     good = _accepted(table)
     free = good["boundary"] == "none"
-    far = good[~free].groupby(["boundary", "throttle"], as_index=False)["z_hat"].max()
+    far = good[~free].groupby(CELL[::2], as_index=False)["z_hat"].max()
     far["farthest"] = far.groupby("boundary")["z_hat"].transform("max")
     known = far["throttle"].isin(good.loc[free, "throttle"])
     lacking = far[(far["z_hat"] < 0.5 * far["farthest"]) & ~known]
@@ -311,41 +314,3 @@ def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
     if "none" in far:
         return []
     return [(s, float(far[s])) for s in ("ground", "ceiling") if s in far and far[s] < REACH]
-
-
-def campaign_notes(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
-    """Notes on records that begin with another force, on implausibly large stated errors, and on an
-    implausibly nonlinear load cell.
-
-    A stated error is implausible if it is as large as the least distance or the largest lift.
-    """
-    notes, good = [], _accepted(table)
-    texts = table["quality"][~rejected(table["quality"])]
-    share = sum("unsettled" in text.split() for text in texts) / max(len(texts), 1)
-    if share >= 0.5:
-        notes.append(
-            f"{share:.0%} of the records begin with another force than they go on with."
-            " Is `tare` or `settle` too short (rotors still at rest), or is sample_rate wrong?"
-        )
-    least_m = campaign.vehicle.rotor_radius * float(good["z_hat"].min())
-    most_N = float(good["lift_N"].max())
-    near = f"least distance, {1e3 * least_m:.3g} mm, at which the rotor would have struck"
-    limits = {
-        "height": (least_m, near),
-        "force": (most_N if most_N > 0 else np.inf, f"largest lift, {1e3 * most_N:.3g} mN"),
-    }
-    notes += [
-        f"[[uncertainty]] {u.name!r}: value = {u.value!r} is no less than the {limits[u.on][1]}: is"
-        " the unit right?"
-        for u in campaign.uncertainty
-        if u.on in limits and u.standard() >= limits[u.on][0]
-    ]
-    accuracy, full = campaign.load_cell.accuracy, campaign.load_cell.range
-    if accuracy is not None and full is None:
-        notes.append("load_cell.accuracy is at full range, and counts for nothing without `range`")
-    elif accuracy is not None and full is not None and accuracy > WORST_CELL * full:
-        notes.append(
-            f"load_cell.accuracy is {accuracy / full:.0%} of `range`, where cells have 0.02 to 1 %:"
-            " is it the departure from a straight line, and in that unit?"
-        )
-    return notes

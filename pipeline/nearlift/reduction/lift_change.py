@@ -8,15 +8,14 @@ the trials themselves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from nearlift.declare import BoolArray, Boundary, FloatArray, IntArray
+from nearlift.declare import Boundary, FloatArray, IntArray
 from nearlift.likelihood.level_curve import at_shown
 from nearlift.nomenclature import CARRIED
 from nearlift.reduction import judge
@@ -31,39 +30,13 @@ MOST_CELLS = 2000
 CELL_COLUMNS = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cells:
-    """One boundary's cells, ordered by throttle, then distance: `table` with the columns
-    `CELL_COLUMNS`.
-
-    The other fields are of all cells, those in free air included. `mean` is the mean lift (N),
-    `far` the index of each one's L_inf; `near` selects those of the table. The covariance of the
-    means is `variance`, and for the cells of one station a `joint` block: (members, block).
+class Cells(NamedTuple):
+    """One boundary's cells, ordered by throttle, then distance: a table with `CELL_COLUMNS`, and
+    the covariance of delta_L, (c, c). It has 8 c^2 bytes, and three times that while it is made.
     """
 
     table: pd.DataFrame
-    near: BoolArray
-    mean: FloatArray
-    far: IntArray
-    variance: FloatArray
-    joint: tuple[tuple[IntArray, FloatArray], ...]
-
-    def covariance(self) -> FloatArray:
-        """Covariance of delta_L, (c, c): 8 c^2 bytes, and three times that while it is made.
-
-        d delta = (d mean - (1 + delta) d mean_far) / mean_far: exactly nothing where a cell is its
-        own reference.
-        """
-        result = np.diag(self.variance)
-        for members, block in self.joint:
-            result[np.ix_(members, members)] = block
-        far, over = self.far, self.mean / self.mean[self.far]
-        result -= over[:, None] * result[far]
-        result -= over * result[:, far]
-        result /= self.mean[far][:, None]
-        result /= self.mean[far]
-        result = result[np.ix_(self.near, self.near)]
-        return (result + result.T) / 2
+    covariance: Callable[[], FloatArray]
 
 
 def cells(
@@ -94,14 +67,28 @@ def cells(
     made["u_lift_N"], made["delta_L"] = np.sqrt(variance), over - 1
     made["u_delta_L"] = np.sqrt(np.where(is_far, 0.0, both)) / np.abs(mean[far])
     near = np.isfinite(made["z_hat"].to_numpy())
-    table = made.loc[near, list(CELL_COLUMNS)].reset_index(drop=True)
-    return Cells(table=table, near=near, mean=mean, far=far, variance=variance, joint=joint)
+
+    def covariance() -> FloatArray:
+        result = np.diag(variance)
+        for members, block in joint:
+            result[np.ix_(members, members)] = block
+        # d delta = (d mean - (1 + delta) d mean_far) / mean_far: exactly nothing at the far end
+        result -= over[:, None] * result[far]
+        result -= over * result[:, far]
+        result /= mean[far][:, None]
+        result /= mean[far]
+        result = result[np.ix_(near, near)]
+        return (result + result.T) / 2
+
+    return Cells(made.loc[near, list(CELL_COLUMNS)].reset_index(drop=True), covariance)
 
 
 def _scatter(
     trials: pd.DataFrame, made: pd.DataFrame
-) -> tuple[FloatArray, tuple[tuple[IntArray, FloatArray], ...]]:
-    """Variances of cell means from repeats, and blocks of throttles that share visits."""
+) -> tuple[FloatArray, list[tuple[IntArray, FloatArray]]]:
+    """Variances of cell means from repeats, and blocks (members, covariance) of the throttles that
+    share visits.
+    """
     count, mean = made["n_trials"].to_numpy(), made["lift_N"].to_numpy()
     trials["deviation"] = trials["lift"] - mean[trials["cell"]]
     squares = np.bincount(trials["cell"], trials["deviation"] ** 2)
@@ -124,7 +111,7 @@ def _scatter(
         block += np.diag(np.maximum(variance[members] - np.diag(block), 0))
         shared.append((members, block))
         variance[members] = np.diag(block)
-    return variance, tuple(shared)
+    return variance, shared
 
 
 def lift_change(
@@ -140,14 +127,13 @@ def lift_change(
     from scipy.linalg import block_diag
 
     curve = any(data.curve is not None for data in observed.values())
-    reduced: dict[Boundary, Cells] = {}
-    tables = []
+    tables, covariances = [], []
     for boundary, data in observed.items():
         lift_N = data.lift_N if data.curve is None else at_shown(data)
         throttle = data.levels[data.level]
-        reduced[boundary] = cells(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
-        carried = _carried(trials, data, reduced[boundary].table)
-        tables.append(carried.assign(boundary=boundary))
+        reduced = cells(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
+        tables.append(_carried(trials, data, reduced.table).assign(boundary=boundary))
+        covariances.append(reduced.covariance)
     table = pd.concat(tables, ignore_index=True)
     further = sorted(set(map(str, table)) - {*CELL_COLUMNS, "boundary"})
     table = table[[*CELL_COLUMNS, "boundary", *further]]
@@ -160,15 +146,16 @@ def lift_change(
     lacking = np.zeros(len(table), dtype=bool)
     # a curve gives L_inf of every throttle from all of them
     for side, level, far, farthest in () if curve else judge.without_reference(trials):
-        ends, remedy = "it has no L_inf, hence no Delta L", "measure it far away, or in free air"
+        ends = "it has no L_inf, hence no Delta L; measure it far away, or in free air, or say"
+        ends += " near_reference = true under [quality]"
         if near_reference:
-            ends = "its Delta L depends on a lift that the boundary changes, as asked"
+            ends = "its Delta L depends on a lift that the boundary changes, as asked; measure it"
+            ends += " far away, or in free air"
         else:
             lacking |= ((table["boundary"] == side) & (table["throttle"] == level)).to_numpy()
-            remedy += ", or say near_reference = true under [quality]"
         notes.append(
             f"{side}: at {100 * level:.4g} % throttle no trial is farther than z_hat = {far:.3g},"
-            f" where others reach {farthest:.3g}: {ends}; {remedy}"
+            f" where others reach {farthest:.3g}: {ends}"
         )
     table.loc[lacking, ["delta_L", "u_delta_L"]] = np.nan
     columns = {str(name): table[name].to_numpy() for name in table}
@@ -179,7 +166,7 @@ def lift_change(
             " is left empty; u_delta_L is in lift.parquet"
         )
         return columns, {}, tuple(notes)
-    covariance = block_diag(*(c.covariance() for c in reduced.values()))
+    covariance = block_diag(*(made() for made in covariances))
     covariance[lacking] = covariance[:, lacking] = np.nan
     return columns, {f"c{i}": column for i, column in enumerate(covariance.T)}, tuple(notes)
 
@@ -193,10 +180,10 @@ def _carried(trials: Table, data: Observations, table: pd.DataFrame) -> pd.DataF
     rows = pd.Series(np.arange(len(trials["trial"])), index=trials["trial"].astype(str))
     mine = rows[data.trial.astype(str)].to_numpy()
     keys = ["z_hat", "throttle"]
+    frame = pd.DataFrame({"z_hat": data.z_hat, "throttle": data.levels[data.level]})
     for name, u in CARRIED.items():
         if name not in trials:
             continue
-        frame = pd.DataFrame({"z_hat": data.z_hat, "throttle": data.levels[data.level]})
         frame["value"] = trials[name][mine].astype(float)
         frame["u2"] = trials[u][mine].astype(float) ** 2 if u in trials else np.nan
         by_cell = frame.dropna(subset="value").groupby(keys)

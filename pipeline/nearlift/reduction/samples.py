@@ -93,7 +93,7 @@ def check_stuck(live: FloatArray, run: Stretch) -> list[str]:
     # a coarse cell repeats itself all the time: then a long run means nothing
     if run.repeats > FEWEST_REPEATS * n:
         same = live[1:] == live[:-1]
-        longest = _longest_run(same) + 1
+        longest = contamination.longest_run(same) + 1
         elsewhere = np.count_nonzero(~same) / max(n - longest, 1)
         if longest >= 20 and longest > 0.1 * n and elsewhere > 0.5:
             return ["STUCK"]
@@ -112,17 +112,13 @@ def check_clipping(live: FloatArray, run: Stretch) -> list[str]:
         return []
     for extreme, count in ((run.high, run.at_high), (run.low, run.at_low)):
         if 10 <= count < 0.9 * n:
-            held = _longest_run(live == extreme) >= 10 and run.repeats < count + 0.2 * n
+            held = (
+                contamination.longest_run(live == extreme) >= 10 and run.repeats < count + 0.2 * n
+            )
             often = count >= 0.005 * n and run.repeats < count + 0.02 * n
             if held or often:
                 return ["SATURATED"]
     return []
-
-
-def _longest_run(mask: BoolArray) -> int:
-    """Most successive samples for which the mask holds."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
 # a damaged clock may hold anything: it then has no steady rate
