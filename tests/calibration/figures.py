@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta, binom
+from scipy.stats import binom, binomtest
 from tests.calibration.forms import STRANGE, UNNAMED
 from tests.calibration.kinds import KINDS, Promise
 from tests.calibration.programs import Row, read
@@ -96,9 +96,8 @@ covered_oracle | true model's covers | n == n | cover_oracle
 
 def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
     """Exact binomial interval of a share."""
-    tail = (1 - level) / 2
-    low = float(beta.ppf(tail, k, n - k + 1)) if k else 0.0
-    return low, float(beta.ppf(1 - tail, k + 1, n - k)) if k < n else 1.0
+    low, high = binomtest(k, n).proportion_ci(level, "exact")
+    return float(low), float(high)
 
 
 def brief(facts: pd.Series) -> str:
@@ -140,15 +139,15 @@ def _facts(data: pd.DataFrame, row: pd.Series) -> pd.Series:
     return data.query(row["where"])[row["fact"]].dropna().astype(bool)
 
 
+def _figure(key: str, title: str, promise: Promise, **found: Any) -> Row:
+    return {"key": key, "title": title, "k": np.nan, **found, **promise._asdict()}
+
+
 def _share(key: str, title: str, facts: pd.Series, promise: Promise = NONE) -> Iterator[Row]:
-    if len(facts):
-        k, n = int(facts.sum()), len(facts)
+    if n := len(facts):
+        k = int(facts.sum())
         low, high = clopper_pearson(k, n)
-        yield {"key": key, "title": title, "value": k / n, "lo95": low, "hi95": high} | {
-            "n": n,
-            "k": k,
-            **promise._asdict(),
-        }
+        yield _figure(key, title, promise, value=k / n, lo95=low, hi95=high, n=n, k=k)
 
 
 def _quantile(
@@ -158,11 +157,8 @@ def _quantile(
     x = np.sort(values[np.isfinite(values)])
     if n := len(x):
         low, high = max(int(binom.ppf(0.025, n, q)) - 1, 0), min(int(binom.ppf(0.975, n, q)), n - 1)
-        yield {"key": key, "title": title, "value": float(np.quantile(x, q)), "n": n} | {
-            "lo95": float(x[low]),
-            "hi95": float(x[high]),
-            **promise._asdict(),
-        }
+        value = float(np.quantile(x, q))
+        yield _figure(key, title, promise, value=value, lo95=x[low], hi95=x[high], n=n)
 
 
 def figures(rows: list[Row]) -> pd.DataFrame:

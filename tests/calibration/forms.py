@@ -100,6 +100,20 @@ def _form(
     return Form(place=place, apply=apply, most=limits, signed=signed)
 
 
+def _pair(
+    place: Place,
+    own: Callable[..., Array],
+    foreign: Callable[..., Array],
+    most: float | dict[str, float],
+    foreign_most: float | dict[str, float] | None = None,
+    signed: bool = True,
+) -> tuple[Form, Form]:
+    return (
+        _form(place, own, most, signed),
+        _form(place, foreign, most if foreign_most is None else foreign_most, signed),
+    )
+
+
 def _at(ground: float, ceiling: float, sidewall: float) -> dict[str, float]:
     return {"ground": ground, "ceiling": ceiling, "sidewall": sidewall}
 
@@ -171,8 +185,13 @@ def _starved(_: None, b: Bench, s: Setting, x: float) -> Array:
     return x * np.log((b.supply_V - drop) / 3.7)
 
 
+def _reaction(b: Bench, s: Setting) -> Array:
+    """Force on the cell at each trial."""
+    return s.inf_N * s.curve(b.z_hat)
+
+
 def _crept(lift: Array, b: Bench, s: Setting, x: float) -> Array:
-    before = (s.inf_N * s.curve(b.z_hat))[b.previous]
+    before = _reaction(b, s)[b.previous]
     return lift + x * (0.7 * before + 0.3 * before[b.previous]) / (1 + b.gap_s / 12)
 
 
@@ -190,156 +209,135 @@ def _warmed(_: None, b: Bench, s: Setting, x: float) -> Array:
 
 #: Each named effect: own form, foreign form.
 NAMED: dict[str, tuple[Form, Form]] = {
-    "height_offset": (
-        _form("height", lambda z, b, s, x: z + x / b.radius_m, _at(5e-3, 1e-3, 1.5e-3)),
-        _form("height", _coned, _at(5e-3, 0.8e-3, 1e-3)),
+    "height_offset": _pair(
+        "height",
+        lambda z, b, s, x: z + x / b.radius_m,
+        _coned,
+        _at(5e-3, 1e-3, 1.5e-3),
+        _at(5e-3, 0.8e-3, 1e-3),
     ),
-    "height_scale": (
-        _form("height", lambda z, b, s, x: z * (1 + x), 0.05),
-        _form("height", lambda z, b, s, x: z * (1 + x * (1 - np.exp(-z / 2))), 0.08),
+    "height_scale": _pair(
+        "height",
+        lambda z, b, s, x: z * (1 + x),
+        lambda z, b, s, x: z * (1 + x * (1 - np.exp(-z / 2))),
+        0.05,
+        0.08,
     ),
-    "approach_backlash": (
-        _form(
-            "height",
-            lambda z, b, s, x: z - b.approach * 0.5 * x / b.radius_m,
-            _at(0.8e-3, 0.5e-3, 0.8e-3),
-        ),
-        _form("height", _play, _at(0.8e-3, 0.5e-3, 0.8e-3)),
+    "approach_backlash": _pair(
+        "height",
+        lambda z, b, s, x: z - b.approach * 0.5 * x / b.radius_m,
+        _play,
+        _at(0.8e-3, 0.5e-3, 0.8e-3),
     ),
     "near_wall_saturation": (
         _form("height", lambda z, b, s, x: np.sqrt(z**2 + x**2), _at(0.5, 0.3, 0.3), signed=False),
         _form("ratio", _saturate, 1.5, signed=False),
     ),
-    "held_quantity": (
-        _form("ratio", lambda f, b, s, x: f ** (1 + x), 0.4),
-        _form("ratio", _held, 0.4),
+    "held_quantity": _pair("ratio", lambda f, b, s, x: f ** (1 + x), _held, 0.4),
+    "airframe_stagnation": _pair(
+        "ratio",
+        lambda f, b, s, x: f + x / b.z_hat**2,
+        lambda f, b, s, x: f + x * np.exp(-((b.z_hat / 1.3) ** 2)),
+        {"ground": 0.05},
+        {"ground": 0.06},
     ),
-    "airframe_stagnation": (
-        _form("ratio", lambda f, b, s, x: f + x / b.z_hat**2, {"ground": 0.05}),
-        _form(
-            "ratio", lambda f, b, s, x: f + x * np.exp(-((b.z_hat / 1.3) ** 2)), {"ground": 0.06}
+    "fountain_shape": _pair(
+        "ratio",
+        _images(lambda x: {"body": B * (1 + x)}),
+        lambda f, b, s, x: f + x * _bump(b.z_hat),
+        {"ground": 0.4},
+        {"ground": 0.04},
+    ),
+    "image_strength": _pair(
+        "ratio",
+        _images(lambda x: {"single": 1 + x, "neighbours": 1 + x}),
+        _images(lambda x: {"neighbours": 1 + x}),
+        {"ground": 0.5},
+        {"ground": 0.8},
+    ),
+    "plate_edge": _pair(
+        "ratio",
+        lambda f, b, s, x: 1 + (f - 1) * -np.expm1(-1 / np.maximum(x * b.z_hat, 1e-6) ** 2),
+        lambda f, b, s, x: 1 + (f - 1) / (1 + (x * b.z_hat) ** 3),
+        0.6,
+        0.5,
+        signed=False,
+    ),
+    "tilt": _pair("ratio", _tilted, _tilt_fade, 4.0, 1.0, signed=False),
+    "reynolds": _pair(
+        "ratio",
+        lambda f, b, s, x: 1 + (f - 1) * (b.speed_rpm / 17000) ** x,
+        lambda f, b, s, x: 1 + (f - 1) * (1 + x * np.exp(-(b.speed_rpm - 10800) / 3000)),
+        0.6,
+        0.5,
+    ),
+    "room_recirculation": _pair(
+        "gain",
+        lambda _, b, s, x: -x * np.sqrt(s.load) * (1 - np.exp(-b.z_hat / 4)),
+        lambda _, b, s, x: -x * s.load * b.z_hat**2 / (b.z_hat**2 + 36),
+        0.06,
+        signed=False,
+    ),
+    "session_gain": _pair(
+        "gain",
+        lambda _, b, s, x: x * b.unit["session"],
+        lambda _, b, s, x: x * b.unit["session"] * (1 + 0.7 * np.exp(-b.session_s / 900)),
+        0.05,
+        signed=False,
+    ),
+    "gain_drift": _pair(
+        "gain",
+        lambda _, b, s, x: x * (b.start_s / b.start_s.max() - 0.5),
+        _drifting,
+        0.08,
+        0.06,
+    ),
+    "warm_up": _pair("gain", lambda _, b, s, x: x * np.exp(-b.session_s / 480), _warmed, 0.1),
+    "supply_sag": _pair(
+        "gain", lambda _, b, s, x: x * np.log(b.supply_V / 3.8), _starved, 2.5, signed=False
+    ),
+    "air_density": _pair(
+        "gain",
+        lambda _, b, s, x: x * np.log(_density(b.temperature_K) / 1.19),
+        lambda _, b, s, x: x * np.log(_density(b.lagged_K) / 1.19),
+        1.5,
+        signed=False,
+    ),
+    "zero_offset": _pair(
+        "force",
+        lambda lift, b, s, x: lift + x,
+        lambda lift, b, s, x: lift + x * (0.3 + s.load),
+        0.01,
+    ),
+    "zero_drift": _pair(
+        "force",
+        lambda lift, b, s, x: lift - x * np.expm1(-b.session_s / 1500),
+        lambda lift, b, s, x: (
+            lift + x * np.sqrt(b.session_s / 4000) * (1 + 0.4 * b.unit["session"])
         ),
+        0.02,
     ),
-    "fountain_shape": (
-        _form("ratio", _images(lambda x: {"body": B * (1 + x)}), {"ground": 0.4}),
-        _form("ratio", lambda f, b, s, x: f + x * _bump(b.z_hat), {"ground": 0.04}),
+    "zero_temperature": _pair(
+        "force",
+        lambda lift, b, s, x: lift + x * (b.temperature_K - 295),
+        lambda lift, b, s, x: lift + x * ((k := b.lagged_K - 295) + 0.25 * k**2),
+        3e-3,
     ),
-    "image_strength": (
-        _form(
-            "ratio",
-            _images(lambda x: {"single": 1 + x, "neighbours": 1 + x}),
-            {"ground": 0.5},
-        ),
-        _form("ratio", _images(lambda x: {"neighbours": 1 + x}), {"ground": 0.8}),
+    "cell_nonlinearity": _pair(
+        "force",
+        lambda lift, b, s, x: lift * (1 + x * lift / s.levels_N.max()),
+        lambda lift, b, s, x: lift * (1 + x * (lift / s.levels_N.max()) ** 2),
+        0.1,
+        0.08,
     ),
-    "plate_edge": (
-        _form(
-            "ratio",
-            lambda f, b, s, x: 1 + (f - 1) * -np.expm1(-1 / np.maximum(x * b.z_hat, 1e-6) ** 2),
-            0.6,
-            signed=False,
-        ),
-        _form(
-            "ratio", lambda f, b, s, x: 1 + (f - 1) / (1 + (x * b.z_hat) ** 3), 0.5, signed=False
-        ),
+    "cell_creep": _pair(
+        "force",
+        lambda lift, b, s, x: lift + x * _reaction(b, s)[b.previous] * np.exp(-b.gap_s / 20),
+        _crept,
+        0.01,
     ),
-    "tilt": (
-        _form("ratio", _tilted, 4.0, signed=False),
-        _form("ratio", _tilt_fade, 1.0, signed=False),
-    ),
-    "reynolds": (
-        _form("ratio", lambda f, b, s, x: 1 + (f - 1) * (b.speed_rpm / 17000) ** x, 0.6),
-        _form(
-            "ratio",
-            lambda f, b, s, x: 1 + (f - 1) * (1 + x * np.exp(-(b.speed_rpm - 10800) / 3000)),
-            0.5,
-        ),
-    ),
-    "room_recirculation": (
-        _form(
-            "gain",
-            lambda _, b, s, x: -x * np.sqrt(s.load) * (1 - np.exp(-b.z_hat / 4)),
-            0.06,
-            signed=False,
-        ),
-        _form(
-            "gain",
-            lambda _, b, s, x: -x * s.load * b.z_hat**2 / (b.z_hat**2 + 36),
-            0.06,
-            signed=False,
-        ),
-    ),
-    "session_gain": (
-        _form("gain", lambda _, b, s, x: x * b.unit["session"], 0.05, signed=False),
-        _form(
-            "gain",
-            lambda _, b, s, x: x * b.unit["session"] * (1 + 0.7 * np.exp(-b.session_s / 900)),
-            0.05,
-            signed=False,
-        ),
-    ),
-    "gain_drift": (
-        _form("gain", lambda _, b, s, x: x * (b.start_s / b.start_s.max() - 0.5), 0.08),
-        _form("gain", _drifting, 0.06),
-    ),
-    "warm_up": (
-        _form("gain", lambda _, b, s, x: x * np.exp(-b.session_s / 480), 0.1),
-        _form("gain", _warmed, 0.1),
-    ),
-    "supply_sag": (
-        _form("gain", lambda _, b, s, x: x * np.log(b.supply_V / 3.8), 2.5, signed=False),
-        _form("gain", _starved, 2.5, signed=False),
-    ),
-    "air_density": (
-        _form(
-            "gain",
-            lambda _, b, s, x: x * np.log(_density(b.temperature_K) / 1.19),
-            1.5,
-            signed=False,
-        ),
-        _form(
-            "gain", lambda _, b, s, x: x * np.log(_density(b.lagged_K) / 1.19), 1.5, signed=False
-        ),
-    ),
-    "zero_offset": (
-        _form("force", lambda lift, b, s, x: lift + x, 0.01),
-        _form("force", lambda lift, b, s, x: lift + x * (0.3 + s.load), 0.01),
-    ),
-    "zero_drift": (
-        _form("force", lambda lift, b, s, x: lift - x * np.expm1(-b.session_s / 1500), 0.02),
-        _form(
-            "force",
-            lambda lift, b, s, x: (
-                lift + x * np.sqrt(b.session_s / 4000) * (1 + 0.4 * b.unit["session"])
-            ),
-            0.02,
-        ),
-    ),
-    "zero_temperature": (
-        _form("force", lambda lift, b, s, x: lift + x * (b.temperature_K - 295), 3e-3),
-        _form(
-            "force",
-            lambda lift, b, s, x: lift + x * ((k := b.lagged_K - 295) + 0.25 * k**2),
-            3e-3,
-        ),
-    ),
-    "cell_nonlinearity": (
-        _form("force", lambda lift, b, s, x: lift * (1 + x * lift / s.levels_N.max()), 0.1),
-        _form("force", lambda lift, b, s, x: lift * (1 + x * (lift / s.levels_N.max()) ** 2), 0.08),
-    ),
-    "cell_creep": (
-        _form(
-            "force",
-            lambda lift, b, s, x: (
-                lift + x * (s.inf_N * s.curve(b.z_hat))[b.previous] * np.exp(-b.gap_s / 20)
-            ),
-            0.01,
-        ),
-        _form("force", _crept, 0.01),
-    ),
-    "tether_stiffness": (
-        _form("force", lambda lift, b, s, x: lift + x * b.radius_m * b.z_hat, 0.04),
-        _form("force", _tethered, 0.04),
+    "tether_stiffness": _pair(
+        "force", lambda lift, b, s, x: lift + x * b.radius_m * b.z_hat, _tethered, 0.04
     ),
 }
 
@@ -359,27 +357,24 @@ def _two_states(f: Array, b: Bench, s: Setting, x: float) -> Array:
 
 #: Effects that can be identified only where a bench ran trials in two ways (`Spec.experiments`).
 EXPERIMENTS: dict[str, tuple[Form, Form]] = {
-    "mount_blockage": (
-        _form("gain", lambda _, b, s, x: np.log1p(-x * b.unit["inverted"]), 0.08),
-        _form("gain", _blocked, 0.08),
+    "mount_blockage": _pair(
+        "gain", lambda _, b, s, x: np.log1p(-x * b.unit["inverted"]), _blocked, 0.08
     ),
-    "cell_crosstalk": (
-        _form("gain", lambda _, b, s, x: np.log1p(x * np.cos(b.unit["turn"] - 0.6)), 0.05),
-        _form("gain", _crossed, 0.05),
+    "cell_crosstalk": _pair(
+        "gain", lambda _, b, s, x: np.log1p(x * np.cos(b.unit["turn"] - 0.6)), _crossed, 0.05
     ),
-    "propeller_step": (
-        _form("gain", lambda _, b, s, x: np.log1p(x * b.unit["propeller"]), 0.05),
-        _form(
-            "gain",
-            lambda _, b, s, x: np.log1p(x * b.unit["propeller"] * (0.7 + 0.6 * s.load)),
-            0.05,
-        ),
+    "propeller_step": _pair(
+        "gain",
+        lambda _, b, s, x: np.log1p(x * b.unit["propeller"]),
+        lambda _, b, s, x: np.log1p(x * b.unit["propeller"] * (0.7 + 0.6 * s.load)),
+        0.05,
     ),
-    "fountain_state": (
-        _form("ratio", _two_states, {"ground": 1.5}),
-        _form(
-            "ratio", lambda f, b, s, x: f + x * b.unit["state"] * _bump(b.z_hat), {"ground": 0.03}
-        ),
+    "fountain_state": _pair(
+        "ratio",
+        _two_states,
+        lambda f, b, s, x: f + x * b.unit["state"] * _bump(b.z_hat),
+        {"ground": 1.5},
+        {"ground": 0.03},
     ),
 }
 
@@ -413,7 +408,7 @@ UNNAMED: dict[str, Form] = {
         "hidden_humidity": lambda _, b, s, x: x * b.unit["hidden"],
         "throttle_bump": _one_throttle,
         "bistability": lambda _, b, s, x: x * b.unit["state"],
-        "converter_wave": _wave(lambda b, s: s.inf_N * s.curve(b.z_hat) / 0.03),
+        "converter_wave": _wave(lambda b, s: _reaction(b, s) / 0.03),
         "first_in_visit": lambda _, b, s, x: -x * (b.order == 0),
     }.items()
 }
@@ -438,7 +433,7 @@ def _dragged(b: Bench) -> Array:
 def _autorange(lift: Array, b: Bench, s: Setting, x: float) -> Array:
     """The threshold lies within the forces of the middle throttle."""
     level = b.level == np.unique(b.level)[len(s.levels_N) // 2]
-    here = (s.inf_N * s.curve(b.z_hat))[level]
+    here = _reaction(b, s)[level]
     return lift * (1 + x * (lift > np.quantile(here, b.unit["range_at"][0])))
 
 

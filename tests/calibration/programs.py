@@ -12,14 +12,14 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, as_completed, wait
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from nearlift.blas import default_to_one_thread
-from nearlift.run.workers import open_executor
+from nearlift.run.workers import open_executor, ordered
 
 Row = dict[str, Any]
 Job = TypeVar("Job")
@@ -67,7 +67,7 @@ def collect(
     rows = read(out)
     done = {tuple(row[key] for key in keys) for row in rows}
     todo = [job for job in jobs if job not in done]
-    for i, made in enumerate(_unordered(executor, task, todo), 1):
+    for i, made in enumerate(ordered(executor, task, todo, ahead=IN_FLIGHT), 1):
         rows += made
         if out:
             with out.open("a", encoding="utf-8") as file:
@@ -75,17 +75,3 @@ def collect(
             if i % 20 == 0 or i == len(todo):
                 print(f"{i} of {len(todo)}", file=sys.stderr)
     return rows
-
-
-def _unordered(
-    executor: Executor, task: Callable[[Job], list[Row]], jobs: list[Job]
-) -> Iterator[list[Row]]:
-    """Results as they end, so that a run of hours can keep each."""
-    waiting: set[Future[list[Row]]] = set()
-    for job in jobs:
-        waiting.add(executor.submit(task, job))
-        done, waiting = wait(
-            waiting, 0 if len(waiting) < IN_FLIGHT else None, return_when=FIRST_COMPLETED
-        )
-        yield from (future.result() for future in done)
-    yield from (future.result() for future in as_completed(waiting))
