@@ -55,53 +55,39 @@ class Bench:
 
     def __init__(self):
         campaign = manifests.parse(MANIFEST)
-        made = plan(campaign, None, 1)
-        self.data = observe(made.table, campaign, "ground")
+        self.data = observe(plan(campaign, None, 1).table, campaign, "ground")
         self.base = catalogue.model("sanchez_cuevas")
-        self.noise = scatter(campaign)
-        self.design, _, _ = planned(
-            self.data, self.base, (), self.noise, Options(), np.array([K_B])
-        )
+        self.noise, theta = scatter(campaign), np.array([K_B])
+        self.design, _, _ = planned(self.data, self.base, (), self.noise, Options(), theta)
 
     def draw(self, size_parameter, size, seed):
-        rng, data = np.random.default_rng([seed, 77]), self.design.problem.data
-        candidate = self.design.problem.candidate(size_parameter.effect)
+        rng, searched = np.random.default_rng([seed, 77]), self.design.problem
+        data, effect = searched.data, size_parameter.effect
+        candidate = searched.candidate(effect)
         if candidate.by_session.any():
             draw = rng.normal(size=int(data.session.max()) + 1)
             signal = np.log1p(size * (draw - draw.mean()) / draw.std())[data.session]
         else:
-            signal = candidate.contribution(
-                self.design.vector(size_parameter, size), size_parameter.effect
-            )
-        jitter = (
-            rng.normal(0, self.noise.height_m, data.visit.max() + 1)[data.visit] / data.radius_m
-        )
-        ratio = self.base(
-            data.z_hat + jitter, K_b=K_B, **{k: data.geometry[k] for k in self.base.needs}
-        )
-        lift = (
-            data.covariates["lift_inf_N"]
-            * ratio
-            * np.exp(signal)
-            * (1 + self.noise.relative * rng.normal(size=data.n))
-        )
-        return dataclasses.replace(
-            self.data, lift_N=lift + self.noise.force_N * rng.normal(size=data.n)
-        )
+            signal = candidate.contribution(self.design.vector(size_parameter, size), effect)
+        jitter_m = rng.normal(0, self.noise.height_m, data.visit.max() + 1)[data.visit]
+        geometry = {k: data.geometry[k] for k in self.base.needs}
+        ratio = self.base(data.z_hat + jitter_m / data.radius_m, K_b=K_B, **geometry)
+        lift = data.covariates["lift_inf_N"] * ratio * np.exp(signal)
+        lift = lift * (1 + self.noise.relative * rng.normal(size=data.n))
+        lift = lift + self.noise.force_N * rng.normal(size=data.n)
+        return dataclasses.replace(self.data, lift_N=lift)
 
     def row(self, executor, name, factor, count, confirm):
         """The forecast for one size, and what the loop said of `count` campaigns."""
         size_parameter = size_parameters(catalogue.effect(name))[0]
         size = factor * self.design.limit(size_parameter)
         contest = self.design.contest(size_parameter, size)
-        got = Counter(seen=0, within=0, alone=0)
-        rivals: Counter[str] = Counter()
-        for found in ordered(
-            executor, said, [(name, size, seed, confirm) for seed in range(count)]
-        ):
-            named = {e["name"] for e in found["effects"]}
-            others = {r for e in found["effects"] for r in e["rivals"]}
-            got["seen"] += found["verdict"] != "adequate"
+        got, rivals = Counter(seen=0, within=0, alone=0), Counter()
+        jobs = [(name, size, seed, confirm) for seed in range(count)]
+        for answer in ordered(executor, said, jobs):
+            named = {e["name"] for e in answer["effects"]}
+            others = {r for e in answer["effects"] for r in e["rivals"]}
+            got["seen"] += answer["verdict"] != "adequate"
             got["within"] += name in named | others
             got["alone"] += named == {name} and not others
             rivals.update((named | others) - {name})

@@ -22,20 +22,6 @@ from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
 from nearlift.version import __version__
 
-
-@pytest.fixture(scope="module", params=verdicts.MADE)
-def evidence(request, make_job):
-    made = make_job(("ground",), diagnosed=True, **verdicts.MADE[request.param])
-    found = gather(made)
-    assert found.quoted("ground").verdict == request.param
-    return found
-
-
-@pytest.fixture
-def quoted(evidence):
-    return evidence.quoted("ground")
-
-
 #: What the sentence of each verdict has, and no other's.
 SAID = {
     "adequate": "fits; no residual structure detected",
@@ -45,58 +31,80 @@ SAID = {
 }
 
 
-def test_the_verdict_is_said_without_identifiers(evidence, quoted):
-    text = words.Brief(evidence, "ground").verdict
-    assert [v for v, said in SAID.items() if said in text] == [quoted.verdict]
-    assert text.endswith(".")
-    assert "sanchez_cuevas" not in text
+@pytest.fixture(scope="module", params=verdicts.MADE)
+def evidence(request, make_job):
+    made = gather(make_job(("ground",), diagnosed=True, **verdicts.MADE[request.param]))
+    assert made.quoted("ground").verdict == request.param
+    return made
 
 
-def test_repeated_searches_that_found_nothing_agree_with_nothing(evidence, quoted):
-    if quoted.verdict == "adequate":
-        said = words.Brief(evidence, "ground").findings
-        folds = evidence.diagnosed("ground").error.chosen_in_folds
-        n = folds.count("adequate")
-        assert n > 0
-        assert any(f"the same answer in {n} of {len(folds)} folds" in text for text in said)
+@pytest.fixture
+def quoted(evidence):
+    return evidence.quoted("ground")
 
 
-def test_the_corner_plot_shows_the_quoted_coefficients(evidence, quoted):
-    c = quoted.coefficients["K_b"]
-    drawn = corner.draws(evidence, "ground")
-    if quoted.verdict == "effect":
-        assert set(drawn) == {"K_b"}
-        assert abs(drawn["K_b"].mean() - c.value) < c.u
+@pytest.fixture
+def K_b(quoted):
+    return quoted.coefficients["K_b"]
 
 
 def flat(text):
     return " ".join(text.split())
 
 
-def test_the_screen_has_the_numbers_of_the_products(evidence, quoted):
-    text = flat(summary.summary(evidence).decode())
-    c = quoted.coefficients["K_b"]
-    assert coefficient_text(c, "K_b").replace("±", "+/-") in text
+def diagnosed(evidence, **changes):
+    """The evidence with changed findings at the ground."""
+    content = evidence.document(DIAGNOSIS)
+    block = {**content["boundaries"]["ground"], **changes}
+    documents = {DIAGNOSIS.file: {**content, "boundaries": {"ground": block}}}
+    return dataclasses.replace(evidence, documents={**evidence.documents, **documents})
+
+
+def test_the_verdict_is_said_without_identifiers(evidence, quoted):
+    brief = words.Brief(evidence, "ground")
+    assert [v for v, said in SAID.items() if said in brief.verdict] == [quoted.verdict]
+    assert brief.verdict.endswith(".")
+    assert "sanchez_cuevas" not in brief.verdict
+    if quoted.verdict == "adequate":
+        # repeated searches that found nothing agree with nothing
+        folds = evidence.diagnosed("ground").error.chosen_in_folds
+        same = f"the same answer in {folds.count('adequate')} of {len(folds)} folds"
+        assert folds.count("adequate") > 0
+        assert any(same in text for text in brief.findings)
+
+
+def test_the_corner_plot_shows_the_quoted_coefficients(evidence, quoted, K_b):
+    drawn = corner.draws(evidence, "ground")
+    if quoted.verdict == "effect":
+        assert set(drawn) == {"K_b"}
+        assert abs(drawn["K_b"].mean() - K_b.value) < K_b.u
+
+
+def test_the_screen_is_one_and_has_the_numbers_of_the_products(evidence, quoted, K_b):
+    whole = summary.summary(evidence).decode()
+    lines, text = whole.splitlines(), flat(whole)
+    assert max(map(len, lines)) <= summary.WIDTH
+    assert len(lines) <= 22
+    assert not re.search("|".join(e.name for e in catalogue.effects() if "_" in e.name), whole)
+    assert coefficient_text(K_b, "K_b").replace("±", "+/-") in text
     error = quoted.error
     assert (" Error: " in text) == (error is not None)
     if error is not None:
         assert f"Error: {100 * error.before:.2f} % of lift" in text
-        assert (f"{100 * error.after:.2f} % with the effect" in text) == (
-            quoted.verdict == "effect"
-        )
-    for source, u in sources.leads(c):
-        [line] = [b for b in c.budget if b.source == source]
-        assert u == line.u_without < 0.95 * c.u
-    for one in (c.influence.trial, c.influence.visit):
+        after = f"{100 * error.after:.2f} % with the effect"
+        assert (after in text) == (quoted.verdict == "effect")
+    for source, u in sources.leads(K_b):
+        [line] = [b for b in K_b.budget if b.source == source]
+        assert u == line.u_without < 0.95 * K_b.u
+    for one in (K_b.influence.trial, K_b.influence.visit):
         assert one is None or re.search(rf"(trial|visit) {one.id} \((K_b )?[+−]", text)
 
 
-def test_a_source_that_is_all_there_is_is_no_lead(quoted):
-    own = quoted.coefficients["K_b"]
-    sole = dataclasses.replace(own.budget[0], u=own.u, u_without=0.0, dof=50.0)
-    assert sources.leads(dataclasses.replace(own, budget=(sole,))) == []
-    half = dataclasses.replace(sole, u_without=own.u / 2)
-    assert sources.leads(dataclasses.replace(own, budget=(half,))) == [(sole.source, own.u / 2)]
+def test_a_source_that_is_all_there_is_is_no_lead(K_b):
+    sole = dataclasses.replace(K_b.budget[0], u=K_b.u, u_without=0.0, dof=50.0)
+    half = dataclasses.replace(sole, u_without=K_b.u / 2)
+    for line, leads in ((sole, []), (half, [(sole.source, K_b.u / 2)])):
+        assert sources.leads(dataclasses.replace(K_b, budget=(line,))) == leads
 
 
 def test_no_coefficient_k_is_confused_with_the_coverage_factor():
@@ -104,64 +112,40 @@ def test_no_coefficient_k_is_confused_with_the_coverage_factor():
     assert "k" not in coverage("k").split()
 
 
-def test_the_screen_is_one(evidence):
-    lines = summary.summary(evidence).decode().splitlines()
-    assert max(map(len, lines)) <= summary.WIDTH
-    assert len(lines) <= 22
-    assert not re.search("|".join(e.name for e in catalogue.effects() if "_" in e.name), str(lines))
-
-
-def test_what_could_part_rivals_is_what_to_measure_next(evidence, quoted):
-    content = evidence.document(DIAGNOSIS)
-    block = content["boundaries"]["ground"]
+def test_what_could_distinguish_rivals_is_what_to_measure_next(evidence, quoted):
     asked = [{"separates": ["a", "b"], "measure": "height_scale against tilt at 3 distances"}]
-    told = {**content, "boundaries": {"ground": {**block, "next_experiment": asked}}}
-    other = dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: told})
+    [brief] = words.briefs(diagnosed(evidence, next_experiment=asked))
+    said, _, logged = brief.next.partition(". ")
     if quoted.verdict == "not_diagnosed":
-        assert "height scale" not in words.briefs(other)[0].next
+        assert "height scale" not in brief.next
     else:
-        said, _, logged = words.briefs(other)[0].next.partition(". ")
         assert said.removesuffix(".") == "Height scale against tilt at 3 distances"
         assert logged.startswith("Log ") == (quoted.verdict == "unexplained")
 
 
 @pytest.mark.parametrize("declared", [False, True])
 def test_what_could_move_the_number_unseen_is_looked_for_first(
-    evidence, quoted, declared, monkeypatch
+    evidence, quoted, K_b, declared, monkeypatch
 ):
     if quoted.verdict != "adequate":
         return
     if declared:
         monkeypatch.setattr(words, "undeclared", lambda *_: [])
-    content = evidence.document(DIAGNOSIS)
-    block = content["boundaries"]["ground"]
-    silent = [
-        {
-            "effect": "room_recirculation",
-            "absorbed_by": "K_b",
-            "share_visible": 0.1,
-            "bias_at_detection_limit": 1e3,
-            "u": quoted.coefficients["K_b"].u,
-            "hidden": True,
-        }
-    ]
-
-    # no single trial is graver
+    # no single trial is more serious
     sure = dataclasses.replace(quoted, rests_on=None)
     monkeypatch.setattr(type(evidence), "quoted", lambda *_: sure)
 
     def after(effect: str) -> str:
-        hidden = {**block, "silent": [{**silent[0], "effect": effect}]}
-        told = {**content, "boundaries": {"ground": hidden}}
-        documents = {**evidence.documents, DIAGNOSIS.file: told}
-        [own] = words.briefs(dataclasses.replace(evidence, documents=documents))
-        assert own.doubts[0].startswith("Not in the interval: undetected ")
-        assert " could shift K_b by up to " in own.doubts[0]
-        return own.next
+        bias = {"absorbed_by": "K_b", "share_visible": 0.1, "bias_at_detection_limit": 1e3}
+        unit = {"u": K_b.u, "hidden": True}
+        [brief] = words.briefs(diagnosed(evidence, silent=[{"effect": effect, **bias, **unit}]))
+        assert brief.doubts[0].startswith("Not in the interval: undetected ")
+        assert " could shift K_b by up to " in brief.doubts[0]
+        return brief.next
 
     said = "To detect room recirculation: longer pauses, an open door, or one long run. "
     assert after("room_recirculation").startswith(said)
-    # what would tell of it was logged
+    # what would show it was logged
     assert "o detect" not in after("supply_sag")
 
 
@@ -171,65 +155,57 @@ def test_probabilities_have_their_prior_odds_where_there_are_any(evidence, quote
     )
     assert f"{nameless:.2g} for structure without a known cause." in phrases.PRIOR_ODDS
     assert f"No effect has {silent:.2g}, or {detected:.2g} once" in phrases.PRIOR_ODDS
-    diagnosed = quoted.verdict != "not_diagnosed"
-    assert (phrases.PRIOR_ODDS in flat(methods.markdown(evidence).decode())) == diagnosed
+    known = quoted.verdict != "not_diagnosed"
+    assert (phrases.PRIOR_ODDS in flat(methods.markdown(evidence).decode())) == known
 
 
-def test_the_methods_are_made_from_the_products(evidence, quoted):
+def test_the_methods_are_made_from_the_products(evidence, quoted, K_b):
     """One number or name of each paragraph, as its product has it."""
     text = methods.markdown(evidence).decode()
-    trials, fitted = evidence.table(TRIALS), evidence.document(FIT)
-    entry = fitted["boundaries"]["ground"]["sanchez_cuevas"]
+    trials = evidence.table(TRIALS)
+    fits = evidence.document(FIT)["boundaries"]["ground"]
     z, block = trials["z_hat"], evidence.document(DIAGNOSIS)["boundaries"]["ground"]
-    expected = [
+    verdict = {
+        "adequate": "Near the ground, no residual structure was detected (probability ",
+        "effect": "Near the ground, the residuals are explained by supply sag [@supply_sag] (prob",
+        "unexplained": "Near the ground, no candidate effect explains the residual structure (prob",
+        "not_diagnosed": f"Residuals near the ground were not diagnosed: {quoted.reason}.",
+    }
+    for part in (
         f"Near the ground, {len(z)} trials in {len(set(trials['visit']))} visits at",
         f"visits at {len(set(z))} distances",
         f"Of {len(z)} trials, 1 was left out: the load cell was at the end of its range (1).",
-        f"Sanchez-Cuevas [@sanchezcuevas2017], with {len(fitted['boundaries']['ground']) - 1} rivals",
-        f"to {entry['n_trials']} trials.",
+        f"Sanchez-Cuevas [@sanchezcuevas2017], with {len(fits) - 1} rivals",
+        f"to {fits['sanchez_cuevas']['n_trials']} trials.",
         "stated uncertainties: distance datum (shared by boundary).",
-        f"Near the ground, $K_b$ = {coefficient_text(quoted.coefficients['K_b'])}.",
-        titled(quoted.coefficients["K_b"].holds),
+        f"Near the ground, $K_b$ = {coefficient_text(K_b)}.",
+        titled(K_b.holds),
         f"nearlift {__version__}",
         evidence.versions["numpy"],
-    ]
-    if quoted.verdict == "not_diagnosed":
-        expected.append(f"Residuals near the ground were not diagnosed: {block['reason']}.")
-    else:
-        said = {
-            "adequate": "no residual structure was detected (probability ",
-            "effect": "the residuals are explained by supply sag [@supply_sag] (probability ",
-            "unexplained": "no candidate effect explains the residual structure (probability ",
-        }
-        expected.append(f"Near the ground, {said[quoted.verdict]}")
-        expected.append(f"{100 * block['error']['noise_floor']:.2f} %.")
-    for part in expected:
+        verdict[quoted.verdict],
+    ):
         assert part in text
+    if quoted.verdict != "not_diagnosed":
+        assert f"{100 * block['error']['noise_floor']:.2f} %." in text
 
 
 def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
-    cited = {
-        key
-        for group in methods.CITED.findall(methods.markdown(evidence).decode())
-        for key in group.split("; @")
-    }
+    groups = methods.CITED.findall(methods.markdown(evidence).decode())
+    cited = {key for group in groups for key in group.split("; @")}
     bib = methods.references(evidence).decode()
     assert cited == set(re.findall(r"^@\w+\{(\w+),$", bib, re.M))
     assert {"sanchezcuevas2017", "gum2008", "numpy"} <= cited
     assert bib.count("{") == bib.count("}")
-
-
-def test_a_source_outside_the_library_is_cited_itself():
-    assert "author = {{nearlift" not in methods._declared(catalogue.effect("supply_sag"))
-    assert "title = {{Bitcraze, PWM" in methods._declared(catalogue.effect("supply_sag"))
-    assert "author = {{nearlift" in methods._declared(catalogue.effect("session_gain"))
+    # a source outside the library is cited itself
+    sag, gain = (methods._declared(catalogue.effect(e)) for e in ("supply_sag", "session_gain"))
+    assert "author = {{nearlift" not in sag
+    assert "title = {{Bitcraze, PWM" in sag
+    assert "author = {{nearlift" in gain
 
 
 def test_names_from_files_do_nothing_in_markdown(evidence):
     vehicle = evidence.campaign.vehicle.model_copy(update={"name": r"$x$ \input{y} [@z] `a`"})
     campaign = evidence.campaign.model_copy(update={"vehicle": vehicle})
-    hostile = dataclasses.replace(evidence, campaign=campaign)
-    text = methods.markdown(hostile).decode()
-    assert "x input{y} @z a" not in text
-    assert "[@z]" not in text
-    assert r"\input" not in text
+    text = methods.markdown(dataclasses.replace(evidence, campaign=campaign)).decode()
+    for hostile in ("x input{y} @z a", "[@z]", r"\input"):
+        assert hostile not in text

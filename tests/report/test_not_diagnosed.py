@@ -13,7 +13,6 @@ from tests.unit import small_run
 import nearlift
 from nearlift.report import words
 from nearlift.report.chapters import diagnosis, verdict
-from nearlift.report.documents import methods
 from nearlift.stages import report
 from nearlift.stages.diagnose import NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
@@ -68,15 +67,8 @@ def test_what_moves_the_headline_stands_before_what_might(evidence: report.Evide
     assert "a little" in told[4:]
 
 
-def test_the_methods_say_it_in_a_whole_sentence(evidence: report.Evidence):
-    text = methods.markdown(evidence).decode()
-    assert f"Residuals near the ground were not diagnosed: {REASON}." in text
-    assert "missing: ." not in text
-
-
 def test_python_answers_with_the_reason_and_draws_nothing(out: Path):
     answer = nearlift.load(out / "raw", out).diagnose()
     assert answer.quoted["ground"].verdict == NOT_DIAGNOSED
     assert answer.quoted["ground"].reason == REASON
-
     assert REASON in str(answer)

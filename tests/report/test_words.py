@@ -98,42 +98,41 @@ def test_titles_of_effects_can_be_subjects_of_a_sentence():
         assert " of " not in effect.title
 
 
-def size(effect, parameter, value, half, unit, percent):
-    return IdentifiedSize(
+@pytest.mark.parametrize(
+    ("effect", "parameter", "value", "half", "unit", "text"),
+    [
+        (
+            *("supply_sag", "sag_exponent", 2.028, 0.0745, "exponent of supply voltage"),
+            "lift scales as voltage^2.03 (90 %: 1.95 to 2.10)",
+        ),
+        (
+            *("gain_drift", "drift", 0.0498, 0.003, "fraction of lift, first to last trial"),
+            "drift 4.98 % of lift, first to last trial (90 %: 4.68 to 5.28)",
+        ),
+        (
+            *("height_offset", "offset_m", 0.0005, 0.0001, "m"),
+            "offset 0.50 mm (90 %: 0.40 to 0.60)",
+        ),
+        (
+            *("near_wall_saturation", "gap_hat2", 0.125, 0.055, "square rotor radii"),
+            "the gain of lift saturates below ẑ = 0.35, 8.1 mm (90 %: 6.1 to 9.8)",
+        ),
+    ],
+)
+def test_a_size_is_said_with_its_unit_and_its_part_of_lift(
+    effect, parameter, value, half, unit, text
+):
+    size = IdentifiedSize(
         effect=effect,
         parameter=parameter,
         value=value,
         lo90=value - half,
         hi90=value + half,
         unit=unit,
-        lift_percent=percent,
+        lift_percent=4.93,
     )
-
-
-@pytest.mark.parametrize(
-    ("own", "text"),
-    [
-        (
-            size("supply_sag", "sag_exponent", 2.028, 0.0745, "exponent of supply voltage", 4.93),
-            "lift scales as voltage^2.03 (90 %: 1.95 to 2.10). Over the trials it changes lift by 4.9 %",
-        ),
-        (
-            size("gain_drift", "drift", 0.0498, 0.003, "fraction of lift, first to last trial", 5),
-            "drift 4.98 % of lift, first to last trial (90 %: 4.68 to 5.28). Over the trials it changes lift by 5 %",
-        ),
-        (
-            size("height_offset", "offset_m", 0.0005, 0.0001, "m", 1.5),
-            "offset 0.50 mm (90 %: 0.40 to 0.60). Over the trials it changes lift by 1.5 %",
-        ),
-        (
-            size("near_wall_saturation", "gap_hat2", 0.125, 0.055, "square rotor radii", 40),
-            "the gain of lift saturates below ẑ = 0.35, 8.1 mm (90 %: 6.1 to 9.8). Over the trials it changes lift by 40 %",
-        ),
-    ],
-)
-def test_a_size_is_said_with_its_unit_and_its_part_of_lift(own, text):
-    quoted = SimpleNamespace(sizes=(own,), effects=(own.effect,))
-    assert phrases.sizes(quoted, 0.023) == text
+    said = phrases.sizes(SimpleNamespace(sizes=(size,), effects=(effect,)), 0.023)
+    assert said == f"{text}. Over the trials it changes lift by 4.9 %"
 
 
 def observed(*z_hat: float) -> SimpleNamespace:
@@ -183,45 +182,51 @@ def test_an_effect_that_is_the_coefficient_is_no_doubt():
 
 
 @pytest.mark.parametrize(
-    ("columns", "said"),
+    ("n_removed", "said"),
     [
-        ({}, "1 left out: {why} (1)"),
-        (
-            {"n_removed": np.array([0.0, 9.0, 3.0])},
-            "1 left out: {why} (1); 12 impossible readings in 2 trials were left out",
-        ),
-        (
-            {"n_removed": np.array([0.0, 0.0, 1.0])},
-            "1 left out: {why} (1); 1 impossible reading in 1 trial was left out",
-        ),
+        (None, ""),
+        ([0.0, 9.0, 3.0], "; 12 impossible readings in 2 trials were left out"),
+        ([0.0, 0.0, 1.0], "; 1 impossible reading in 1 trial was left out"),
     ],
 )
-def test_what_was_removed_from_records_is_counted(columns, said):
-    quality = np.array(["SATURATED", "", ""], dtype=object)
-    table = {"quality": quality, **columns}
-    why = quality_codes.CODES["SATURATED"]
-    assert words.removed(SimpleNamespace(table=lambda _: table)) == said.format(why=why)
+def test_what_was_removed_from_records_is_counted(n_removed, said):
+    table = {"quality": np.array(["SATURATED", "", ""], dtype=object)}
+    if n_removed:
+        table["n_removed"] = np.array(n_removed)
+    left_out = f"1 left out: {quality_codes.CODES['SATURATED']} (1)"
+    assert words.removed(SimpleNamespace(table=lambda _: table)) == left_out + said
 
 
-def weighed(*likely: tuple[tuple[str, ...], float], **more: object) -> SimpleNamespace:
-    """Diagnosis with these explanations and their probabilities."""
-    listed = [ExplanationProbability(effects=e, probability=p) for e, p in likely]
-    return SimpleNamespace(probabilities=(*listed, *more.values()))
+def weighed(*likely: tuple[tuple[str, ...], float, str]) -> SimpleNamespace:
+    """Diagnosis with these explanations: effects, probability, covariate of nameless structure."""
+    listed = [
+        ExplanationProbability(effects=e, probability=p, nameless=n or None) for e, p, n in likely
+    ]
+    return SimpleNamespace(probabilities=listed)
+
+
+PAIR = (("supply_sag",), 0.48, ""), (("session_gain", "zero_drift"), 0.39, "")
+NAMELESS = (("supply_sag",), 0.4, ""), ((), 0.25, ""), ((), 0.35, "session")
 
 
 @pytest.mark.parametrize(
-    ("probability", "text"),
+    ("probability", "likely", "text"),
     [
-        (None, "supply sag"),
-        (0.6, "supply sag"),
-        (0.48, "one of: supply sag 48 %, session gain with zero drift 39 %, other 13 %"),
+        (None, PAIR, "supply sag"),
+        (0.6, PAIR, "supply sag"),
+        (
+            *(0.48, (*PAIR, ((), 0.04, ""), (("warm_up",), 0.03, ""))),
+            "one of: supply sag 48 %, session gain with zero drift 39 %, other 13 %",
+        ),
+        (
+            *(0.4, NAMELESS),
+            "one of: supply sag 40 %, unexplained structure along session 35 %, no effect 25 %",
+        ),
     ],
 )
-def test_an_effect_is_named_alone_where_it_is_probable(probability, text):
+def test_an_effect_is_named_alone_where_it_is_probable(probability, likely, text):
     quoted = SimpleNamespace(probability=probability, effects=("supply_sag",), verdict="effect")
-    pair = ("session_gain", "zero_drift")
-    diagnosis = weighed((("supply_sag",), 0.48), (pair, 0.39), ((), 0.04), (("warm_up",), 0.03))
-    assert phrases.explanation(quoted, diagnosis) == text
+    assert phrases.explanation(quoted, weighed(*likely)) == text
 
 
 @pytest.mark.parametrize(
@@ -234,12 +239,3 @@ def test_an_effect_is_named_alone_where_it_is_probable(probability, text):
 )
 def test_the_form_is_printed_of_an_effect_named_alone(probability, forms, text):
     assert phrases.forms(SimpleNamespace(probability=probability, forms=forms)) == text
-
-
-def test_nameless_structure_and_nothing_are_listed_by_their_probability():
-    quoted = SimpleNamespace(probability=0.4, effects=("supply_sag",), verdict="effect")
-    nameless = ExplanationProbability(effects=(), nameless="session", probability=0.35)
-    diagnosis = weighed((("supply_sag",), 0.4), ((), 0.25), nameless=nameless)
-    assert phrases.explanation(quoted, diagnosis) == (
-        "one of: supply sag 40 %, unexplained structure along session 35 %, no effect 25 %"
-    )

@@ -36,32 +36,26 @@ def test_the_folder_of_code_is_its_owners_alone(cache):
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o755, 0o1777])
 def test_a_folder_that_others_can_reach_is_not_used(cache, mode):
-    folder = isolation.code_folder()
-    folder.chmod(mode)
+    isolation.code_folder().chmod(mode)
     assert isolation.code_folder() is None
 
 
-def test_another_users_folder_is_not_used(cache, monkeypatch):
-    assert isolation.code_folder()
-    me = os.geteuid()
-    monkeypatch.setattr(os, "geteuid", lambda: me + 1)
-    assert isolation.code_folder() is None
-
-
-def test_a_link_in_its_place_is_not_followed(cache, tmp_path):
-    folder = isolation.code_folder()
+def test_another_users_folder_and_a_link_in_its_place_are_not_used(cache, tmp_path, monkeypatch):
+    folder, me = isolation.code_folder(), os.geteuid()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "geteuid", lambda: me + 1)
+        assert isolation.code_folder() is None
     folder.rename(tmp_path / "elsewhere")
     folder.symlink_to(tmp_path / "elsewhere")
     assert isolation.code_folder() is None
 
 
 def test_a_folder_is_not_used_below_one_in_which_anybody_may_rename(cache):
-    assert isolation.code_folder()
-    cache.chmod(0o777)
-    assert isolation.code_folder() is None
-    # as /tmp is
-    cache.chmod(0o1777)
-    assert isolation.code_folder()
+    # the last as /tmp is
+    for mode, used in ((0o755, True), (0o777, False), (0o1777, True)):
+        cache.mkdir(exist_ok=True)
+        cache.chmod(mode)
+        assert bool(isolation.code_folder()) is used
 
 
 def test_the_users_cache_may_be_a_link_of_the_users(cache, tmp_path):

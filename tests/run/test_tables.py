@@ -38,14 +38,6 @@ def table(n=200):
     }
 
 
-def ledger(folder, **digests):
-    """A provenance.json that states these digests."""
-    outputs = {f"processed/{name.replace('_', '.')}": sha for name, sha in digests.items()}
-    record = StageRecord(material={}, outputs=outputs, rejected=(), notes=(), wall_s=0.0)
-    content = tables.json_bytes(ProvenanceLedger(stages={"reduce": record}))
-    (folder / tables.LEDGER).write_bytes(content)
-
-
 def test_a_table_is_read_back_with_units_and_meanings(tmp_path):
     path = tmp_path / CELLS.file
     given = table() | {"lift_N": np.r_[np.nan, np.inf, 1e-300, np.zeros(197)]}
@@ -97,7 +89,10 @@ def test_no_flipped_bit_passes_where_the_digest_is_stated(tmp_path):
     path = tmp_path / CELLS.file
     content = tables.table_bytes(table(), CELLS)
     path.write_bytes(content)
-    ledger(tmp_path, cells_parquet=tables.sha256(path))
+    outputs = {f"processed/{CELLS.file}": tables.sha256(path)}
+    record = StageRecord(material={}, outputs=outputs, rejected=(), notes=(), wall_s=0.0)
+    ledger = tables.json_bytes(ProvenanceLedger(stages={"reduce": record}))
+    (tmp_path / tables.LEDGER).write_bytes(ledger)
     assert tables.read_table(path, CELLS)
     rng = random.Random(5)
     for _ in range(60):

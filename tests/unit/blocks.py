@@ -24,12 +24,10 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from click.testing import CliRunner
-
 from nearlift.campaign import manifest as campaign
-from nearlift.cli import main
 
 from .manifests import raw_manifest
+from .small_run import nearlift
 
 ROOT = Path(__file__).parents[2]
 FENCE = re.compile(
@@ -38,8 +36,8 @@ FENCE = re.compile(
     re.M | re.S,
 )
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-#: Stand-ins in commands, and what they stand for here.
-STANDS_FOR = {".venv/bin/": "", "CAMPAIGN": "demo-campaign"}
+#: Stand-ins in commands, and what they mean here.
+MEANING = {".venv/bin/": "", "CAMPAIGN": "demo-campaign"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +46,7 @@ class Block:
     line: int
     kind: str
     body: str
-    why_not: str
+    why_not: str = ""
 
     def __str__(self) -> str:
         return f"{self.page.relative_to(ROOT)}:{self.line}"
@@ -56,25 +54,16 @@ class Block:
 
 def pages() -> list[Path]:
     """Pages that are written by hand; `make docs` generates those in docs/reference."""
-    docs = (
-        p
-        for p in sorted((ROOT / "docs").rglob("*.md"))
-        if "reference" not in p.relative_to(ROOT).parts
-    )
-    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *docs]
+    docs = sorted((ROOT / "docs").rglob("*.md"))
+    written = (p for p in docs if "reference" not in p.relative_to(ROOT).parts)
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *written]
 
 
 def blocks(page: Path) -> list[Block]:
     text = page.read_text(encoding="utf-8")
     return [
-        Block(
-            page,
-            text[: found.start("body")].count("\n"),
-            found["kind"],
-            found["body"],
-            found["why"] or "",
-        )
-        for found in FENCE.finditer(text)
+        Block(page, text[: m.start("body")].count("\n"), m["kind"], m["body"], m["why"] or "")
+        for m in FENCE.finditer(text)
     ]
 
 
@@ -92,27 +81,25 @@ class Runner:
             return
         match block.kind:
             case "sh":
+                lines = [line.strip() for line in block.body.replace("\\\n", " ").splitlines()]
+                commands = [line for line in lines if line and not line.startswith("#")]
                 self.by_python = False
-                self.printed = "".join(self._command(line, block) for line in _lines(block.body))
+                self.printed = "".join(_command(line, block) for line in commands)
             case "python":
-                told = io.StringIO()
-                with contextlib.redirect_stdout(told):
+                with contextlib.redirect_stdout(io.StringIO()) as printed:
                     exec(compile(textwrap.dedent(block.body), str(block), "exec"), self.names)
-                self.printed, self.by_python = told.getvalue(), True
+                self.printed, self.by_python = printed.getvalue(), True
             case "toml":
                 content = tomllib.loads(block.body)
                 if "project" not in content:
-                    campaign.parse(
-                        content if "schema" in content else _merged(raw_manifest(), content),
-                        str(block),
-                    )
+                    whole = content if "schema" in content else _merged(raw_manifest(), content)
+                    campaign.parse(whole, str(block))
             case "csv":
                 header, *rows = csv.reader(block.body.splitlines())
-                assert all(len(row) == len(header) for row in rows if row != ["..."]), (
-                    f"{block}: a row has another number of cells than the header"
-                )
+                lengths = {len(row) for row in rows if row != ["..."]}
+                assert lengths <= {len(header)}, f"{block}: a row is not as long as the header"
             case "text":
-                _said(block, self.printed, numbers=self.by_python)
+                _was_printed(block, self.printed, numbers=self.by_python)
             case "c":
                 # test_export_page compiles it
                 pass
@@ -121,63 +108,47 @@ class Runner:
                     base, *inner = re.findall(r"[\w./]+/(?= |$)", line)
                     assert (ROOT / base).is_dir(), f"{block}: {base} is no folder"
                     for name in inner:
-                        assert (ROOT / base / name).is_dir() or (ROOT / name).is_dir(), (
-                            f"{block}: {name} is no folder"
-                        )
-            case _:
-                raise AssertionError(
-                    f"{block}: {block.kind or 'no language'}: nobody knows how to run it"
-                )
-
-    def _command(self, line: str, block: Block) -> str:
-        for stand_in, real in STANDS_FOR.items():
-            line = line.replace(stand_in, real)
-        words = [
-            w
-            for word in shlex.split(line, comments=True)
-            for w in (sorted(glob.glob(word)) if "*" in word else [word])  # noqa: PTH207
-        ]
-        if words[0] == "make":
-            done = subprocess.run(
-                ["make", "--dry-run", *words[1:]],
-                cwd=ROOT,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            assert done.returncode == 0, f"{block}: {line}: {done.stderr}"
-            return ""
-        assert words[0] == "nearlift", f"{block}: {line}: only nearlift and make are run here"
-        answer = CliRunner().invoke(main, words[1:])
-        assert answer.exit_code == 0, f"{block}: {line}: {answer.exit_code}\n{answer.output}"
-        return answer.stdout
+                        there = (ROOT / base / name).is_dir() or (ROOT / name).is_dir()
+                        assert there, f"{block}: {name} is no folder"
+            case kind:
+                raise AssertionError(f"{block}: {kind or 'no language'}: is not known here")
 
 
-def _lines(body: str) -> list[str]:
-    joined = body.replace("\\\n", " ")
-    return [
-        line.strip()
-        for line in joined.splitlines()
-        if line.strip() and not line.strip().startswith("#")
+def _command(line: str, block: Block) -> str:
+    """What a command prints; it must succeed."""
+    for stand_in, real in MEANING.items():
+        line = line.replace(stand_in, real)
+    program, *words = [
+        w
+        for word in shlex.split(line, comments=True)
+        for w in (sorted(glob.glob(word)) if "*" in word else [word])  # noqa: PTH207
     ]
+    if program == "make":
+        command = ["make", "--dry-run", *words]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{block}: {line}: {done.stderr}"
+        return ""
+    assert program == "nearlift", f"{block}: {line}: only nearlift and make are run here"
+    answer = nearlift(*words)
+    assert answer.exit_code == 0, f"{block}: {line}: {answer.exit_code}\n{answer.output}"
+    return answer.stdout
 
 
-def _said(block: Block, printed: str, *, numbers: bool) -> None:
+def _was_printed(block: Block, printed: str, *, numbers: bool) -> None:
     """Whether the lines of the block were printed, in this order."""
-    lines = printed.splitlines()
-    rest, loose = [_plain(line) for line in lines], False
+    lines, loose = printed.splitlines(), False
     for line in block.body.splitlines():
         if line.strip() == "...":
             loose = True
             continue
-        wanted = _plain(line)
-        assert wanted in rest, f"{block}: {line!r} was not printed:\n{printed}"
-        at = rest.index(wanted)
-        assert loose or at == 0, f"{block}: before {line!r} stands more:\n{printed}"
-        if numbers:
-            assert _same_numbers(line, lines[at]), f"{block}: {line!r}, but printed: {lines[at]!r}"
-        rest, lines, loose = rest[at + 1 :], lines[at + 1 :], False
-    assert loose or not rest, f"{block}: more was printed: {rest}"
+        plain = [_plain(other) for other in lines]
+        assert _plain(line) in plain, f"{block}: {line!r} was not printed:\n{printed}"
+        at = plain.index(_plain(line))
+        assert loose or at == 0, f"{block}: more was printed before {line!r}:\n{printed}"
+        same = not numbers or _same_numbers(line, lines[at])
+        assert same, f"{block}: {line!r}, but printed: {lines[at]!r}"
+        lines, loose = lines[at + 1 :], False
+    assert loose or not lines, f"{block}: more was printed: {lines}"
 
 
 def _plain(line: str) -> str:

@@ -15,14 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-CHROMIUM = next(
-    (
-        found
-        for name in ("chromium", "chromium-browser", "google-chrome")
-        if (found := shutil.which(name))
-    ),
-    None,
-)
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 #: Unprivileged, and offline: no name is ever resolved, and only this machine is reached.
 OPTIONS = (
     "--headless",
@@ -31,8 +25,12 @@ OPTIONS = (
     "--no-first-run",
     "--disable-background-networking",
     "--remote-debugging-pipe",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
 )
 PATIENCE_S = 120.0
+DRAWN = (
+    "document.readyState === 'complete' && document.documentElement.dataset.charts !== 'drawing'"
+)
 
 
 class Navigated(Exception):
@@ -49,9 +47,8 @@ class Page:
         self.errors: list[str] = []
         self.requests: list[str] = []
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)[
-            "sessionId"
-        ]
+        attached = self.ask("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.ask(f"{domain}.enable")
 
@@ -59,36 +56,33 @@ class Page:
         while b"\0" not in self._rest:
             if not select.select([self._read], [], [], max(deadline - time.monotonic(), 0))[0]:
                 raise TimeoutError("the browser does not answer")
-            part = os.read(self._read, 1 << 20)
-            if not part:
+            if not (part := os.read(self._read, 1 << 20)):
                 raise EOFError("the browser has gone")
             self._rest += part
-        told, _, self._rest = self._rest.partition(b"\0")
-        message: dict[str, Any] = json.loads(told)
-        self._note(message.get("method", ""), message.get("params", {}))
+        text, _, self._rest = self._rest.partition(b"\0")
+        message: dict[str, Any] = json.loads(text)
+        params = message.get("params", {})
+        match message.get("method"):
+            case "Runtime.exceptionThrown":
+                self.errors.append(str(params["exceptionDetails"]))
+            case "Log.entryAdded":
+                entry = params["entry"]
+                self.errors.append(f"{entry['text']} {entry.get('url', '')}".rstrip())
+            case "Runtime.consoleAPICalled":
+                self.errors.append(str([a.get("value") for a in params["args"]]))
+            case "Network.requestWillBeSent":
+                self.requests.append(params["request"]["url"])
         return message
-
-    def _note(self, method: str, params: dict[str, Any]) -> None:
-        if method == "Runtime.exceptionThrown":
-            self.errors.append(str(params["exceptionDetails"]))
-        elif method == "Log.entryAdded":
-            entry = params["entry"]
-            self.errors.append(f"{entry['text']} {entry.get('url', '')}".rstrip())
-        elif method == "Runtime.consoleAPICalled":
-            self.errors.append(str([a.get("value") for a in params["args"]]))
-        elif method == "Network.requestWillBeSent":
-            self.requests.append(params["request"]["url"])
 
     def ask(self, method: str, **params: Any) -> dict[str, Any]:
         """One command and its answer."""
         self._last += 1
-        own = self._last
-        message = {"id": own, "method": method, "params": params} | (
-            {"sessionId": self._session} if self._session else {}
-        )
+        number = self._last
+        session = {"sessionId": self._session} if self._session else {}
+        message = {"id": number, "method": method, "params": params, **session}
         os.write(self._write, json.dumps(message).encode() + b"\0")
         deadline = time.monotonic() + PATIENCE_S
-        while (answer := self._receive(deadline)).get("id") != own:
+        while (answer := self._receive(deadline)).get("id") != number:
             pass
         if "navigated" in answer.get("error", {}).get("message", ""):
             raise Navigated(method)
@@ -98,9 +92,8 @@ class Page:
 
     def run(self, script: str) -> Any:
         """What an expression comes to; a promise is waited for."""
-        answer = self.ask(
-            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
-        )
+        how = {"returnByValue": True, "awaitPromise": True}
+        answer = self.ask("Runtime.evaluate", expression=script, **how)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
@@ -110,8 +103,8 @@ class Page:
         while True:
             # where the page is left meanwhile, the next one is asked
             with contextlib.suppress(Navigated):
-                if found := self.run(f"(v => (v instanceof Node ? true : v))({script})"):
-                    return found
+                if value := self.run(f"(v => (v instanceof Node ? true : v))({script})"):
+                    return value
             if time.monotonic() > deadline:
                 shown = self.run("`${location.href}\n${document.body?.innerText}`")
                 raise AssertionError(f"never true: {script}\n{self.errors}\n{shown}")
@@ -119,55 +112,30 @@ class Page:
 
     def open(self, address: str, width: int = 1200, dark: bool = False, media: str = "") -> None:
         """Load a page at a width, in a scheme, and wait until its charts are drawn."""
-        self.ask(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=900,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-        self.ask(
-            "Emulation.setEmulatedMedia",
-            media=media,
-            features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}],
-        )
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        self.ask("Emulation.setDeviceMetricsOverride", **size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.ask("Emulation.setEmulatedMedia", media=media, features=[scheme])
         self.errors.clear()
         self.requests.clear()
         # a page behind another tab is hidden, and does not follow its campaign
         self.ask("Page.bringToFront")
         self.ask("Page.navigate", url=address)
-        self.wait(
-            "document.readyState === 'complete' && document.documentElement.dataset.charts !=="
-            " 'drawing'"
-        )
+        self.wait(DRAWN)
 
-    def point(self, x: float, y: float) -> None:
-        """Move the mouse there."""
-        self.ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    def press(self, key: str, text: str = "") -> None:
+        """A key, down and up; `text` is what it types."""
+        for kind, typed in (("keyDown", {"text": text} if text else {}), ("keyUp", {})):
+            self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, **typed)
 
-    def press(self, key: str) -> None:
-        """A key, down and up."""
-        for kind in ("keyDown", "keyUp"):
-            self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key)
-
-    def screenshot(self, path: Path, whole: bool = True) -> None:
-        """As PNG."""
-        path.write_bytes(
-            base64.b64decode(
-                self.ask("Page.captureScreenshot", captureBeyondViewport=whole)["data"]
-            )
-        )
+    def screenshot(self) -> bytes:
+        """What is shown, as PNG."""
+        return base64.b64decode(self.ask("Page.captureScreenshot")["data"])
 
     def pdf(self) -> bytes:
         """As printed on A4."""
-        found = self.ask(
-            "Page.printToPDF",
-            printBackground=True,
-            preferCSSPageSize=True,
-            paperWidth=8.27,
-            paperHeight=11.69,
-        )
-        return base64.b64decode(found["data"])
+        paper = {"paperWidth": 8.27, "paperHeight": 11.69, "preferCSSPageSize": True}
+        return base64.b64decode(self.ask("Page.printToPDF", printBackground=True, **paper)["data"])
 
 
 @contextlib.contextmanager
@@ -175,12 +143,6 @@ def browser(folder: Path) -> Iterator[Page]:
     """A page of a browser whose profile lives in `folder`; ended with the block."""
     assert CHROMIUM is not None
     to_read, to_write = os.pipe(), os.pipe()
-    command = [
-        CHROMIUM,
-        *OPTIONS,
-        f"--user-data-dir={folder / 'profile'}",
-        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-    ]
 
     def plug() -> None:
         # the protocol is read at descriptor 3 and written at 4, wherever the pipes' own ends happen
@@ -190,7 +152,7 @@ def browser(folder: Path) -> Iterator[Page]:
             os.dup2(end, own)
 
     process = subprocess.Popen(
-        command,
+        [CHROMIUM, *OPTIONS, f"--user-data-dir={folder / 'profile'}"],
         pass_fds=(3, 4),
         preexec_fn=plug,
         env={**os.environ, "HOME": str(folder)},

@@ -117,10 +117,8 @@ def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
                 inputs={"campaign.toml": "a" * 64, "trials.csv": "b" * 64},
             )
 
-        told = repr(
-            [raw, [(name, str(column.dtype), column.tolist()) for name, column in table.items()]]
-        )
-        name = f"job-{hashlib.sha256(told.encode()).hexdigest()[:16]}"
+        columns = [(name, str(column.dtype), column.tolist()) for name, column in table.items()]
+        name = f"job-{hashlib.sha256(repr([raw, columns]).encode()).hexdigest()[:16]}"
 
         def fitted(root: Path) -> None:
             first = job(root)
@@ -162,21 +160,14 @@ def remake(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
     def again(*boundaries: str, **changes: Any) -> Job:
         root = tmp_path_factory.mktemp("again")
         shutil.copytree(small_job.processed, root / "processed")
-        campaign = manifest.parse(raw_manifest(**changes))
+        folders = {"processed": root / "processed", "reports": root / "reports"}
         job = replace(
-            small_job,
-            root=root,
-            campaign=campaign,
-            processed=root / "processed",
-            reports=root / "reports",
+            small_job, root=root, campaign=manifest.parse(raw_manifest(**changes)), **folders
         )
-        if boundaries:
-            for product in (FIT, RESULTS):
-                content = job.read_json(product)
-                job.write(
-                    product,
-                    content | {"boundaries": {b: content["boundaries"][b] for b in boundaries}},
-                )
+        for product in (FIT, RESULTS) if boundaries else ():
+            content = job.read_json(product)
+            kept = {b: content["boundaries"][b] for b in boundaries}
+            job.write(product, content | {"boundaries": kept})
         return job
 
     return again

@@ -86,62 +86,55 @@ def accepted(block: Mapping[str, Any]) -> dict[str, Any]:
     known = {**block["coefficients"].get("after", {})}
     for effect in block["effects"]:
         known |= effect["parameters"]
-    u = {n: _half(e) for n, e in known.items()}
-    parameters = {
-        n: {**{k: e[k] for k in ("value", "lo90", "hi90")}, "u": u[n]} for n, e in known.items()
+    # without an end there is no standard uncertainty
+    u = {
+        n: None if e["hi90"] is None else (e["hi90"] - e["lo90"]) / 2 / HALF_90
+        for n, e in known.items()
     }
+    ends = ("value", "lo90", "hi90")
+    parameters = {n: {**{k: e[k] for k in ends}, "u": u[n]} for n, e in known.items()}
+    values = [[(u[a] or 0) ** 2 if a == b else 0.0 for b in known] for a in known]
     return {
         "effects": [e["name"] for e in block["effects"]],
         "parameters": parameters,
-        "covariance": {
-            "names": [*known],
-            "values": [[(u[a] or 0) ** 2 if a == b else 0.0 for b in known] for a in known],
-        },
+        "covariance": {"names": [*known], "values": values},
     }
-
-
-def _half(e: Mapping[str, Any]) -> float | None:
-    """Standard uncertainty; None without an end."""
-    return None if e["hi90"] is None else (e["hi90"] - e["lo90"]) / 2 / HALF_90
 
 
 def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[str, Any]:
     """`fitted` is the file that `fit` wrote, `boundaries` are blocks of diagnosis.json."""
     whole: dict[str, Any] = copy.deepcopy(dict(fitted))
     for boundary, found in boundaries.items():
-        own = whole["boundaries"][boundary]
+        own, named = whole["boundaries"][boundary], found.get("effects", [])
         verdict = found.get("verdict", own["verdict"])
-        effects = [e["name"] for e in found.get("effects", [])]
-        rivals = [r for e in found.get("effects", []) for r in e.get("rivals", [])]
+        effects = [e["name"] for e in named]
         own |= {
             "verdict": verdict,
             "effects": effects,
-            "rivals": rivals,
+            "rivals": [r for e in named for r in e.get("rivals", [])],
             "reason": found.get("reason", "") if verdict == NOT_DIAGNOSED else "",
         }
-        if forms := {e["name"]: e["form"] for e in found.get("effects", []) if "form" in e}:
+        if forms := {e["name"]: e["form"] for e in named if "form" in e}:
             own["forms"] = forms
         if joint := found.get("joint"):
             own["correlation"] = {"parameters": joint["parameters"], "values": joint["correlation"]}
         if error := found.get("error"):
-            known = {w: error[w]["held_out_rmse"] for w in ("before", "after")}
-            own["error"] = {
-                "unit": "fraction of lift",
-                **known,
-                "noise_floor": error["noise_floor"],
-            }
+            rmse = {when: error[when]["held_out_rmse"] for when in ("before", "after")}
+            own["error"] = {"unit": "fraction of lift", "noise_floor": error["noise_floor"], **rmse}
         blocks = found.get("coefficients", {})
         for name, e in blocks.get("after", {}).items():
             _coefficient(own["coefficients"][name], e)
-            doubts = {}
-            if effects:
-                doubts[f"{effects[0]} alone, exactly in its stated form"] = _pair(e, "conditional")
-            if verdict != "adequate":
-                doubts["base model without any effect"] = blocks.get("before", {}).get(name)
-            doubts["every undetected effect at its plausible size"] = _pair(e, "constrained")
+            alone = f"{effects[0]} alone, exactly in its stated form" if effects else ""
+            unseen = "every undetected effect at its plausible size"
+            base = blocks.get("before", {}).get(name) if verdict != "adequate" else None
+            doubts = {
+                alone: _pair(e, "conditional") if alone else None,
+                "base model without any effect": base,
+                unseen: _pair(e, "constrained"),
+            }
             own["coefficients"][name]["doubts"] = [
                 {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}}
-                | ({"explanation": effects[0]} if " alone, exactly" in condition else {})
+                | ({"explanation": effects[0]} if condition == alone else {})
                 for condition, d in doubts.items()
                 if d
             ]
@@ -176,22 +169,14 @@ def _pair(e: Mapping[str, Any], kind: str) -> dict[str, Any] | None:
 
 
 def _coefficient(own: dict[str, Any], e: Mapping[str, Any]) -> None:
+    own["value"] = e["value"]
     if e["lo90"] is None:
-        own |= {"value": e["value"], "dof": 0.0}
+        own["dof"] = 0.0
         return
     low, high = ((e[end] - e["value"]) / HALF_90 for end in ("lo90", "hi90"))
-    own |= {
-        "value": e["value"],
-        "u": (high - low) / 2,
-        "dof": None,
-        "lo90": e["lo90"],
-        "hi90": e["hi90"],
-    }
-    own |= {
-        f"{end}{level}": e["value"] + k * x
-        for level, k in OTHERS.items()
-        for end, x in (("lo", low), ("hi", high))
-    }
+    own |= {"u": (high - low) / 2, "dof": None, "lo90": e["lo90"], "hi90": e["hi90"]}
+    for level, k in OTHERS.items():
+        own |= {f"lo{level}": e["value"] + k * low, f"hi{level}": e["value"] + k * high}
 
 
 def fitted_lift(job: Job, side: Boundary, number: int) -> QuotedLift:
@@ -200,54 +185,42 @@ def fitted_lift(job: Job, side: Boundary, number: int) -> QuotedLift:
 
 
 #: diagnosis.json of an effect at the ground.
-DIAGNOSED = {
-    "schema": "nearlift.diagnosis/1",
-    "boundaries": {
-        "ground": {
-            "base_model": "sanchez_cuevas",
-            "verdict": "effect",
-            "effects": [
-                {
-                    "name": "supply_sag",
-                    "rivals": ["session_gain"],
-                    "parameters": {"p": {"value": 2.1, "lo90": 1.9, "hi90": 2.3}},
-                }
-            ],
-            "structure": [
-                {"covariate": "supply", "p_value": 1e-90},
-                {"covariate": "tilt", "p_value": 0.03, "significant": False},
-            ],
-            "error": {
-                "unit": "fraction of lift",
-                "noise_floor": 0.0041,
-                "before": {"held_out_rmse": 0.0122, "lo90": 0.0117, "hi90": 0.0128},
-                "after": {"held_out_rmse": 0.0043, "lo90": 0.0041, "hi90": 0.0045},
-            },
-            "coefficients": {
-                "before": {"K_b": {"value": 1.2, "lo90": 1.1, "hi90": 1.3}},
-                "after": {
-                    "K_b": {
-                        "value": 2.0,
-                        "lo90": 1.8,
-                        "hi90": 2.2,
-                        "conditional": [1.9, 2.1],
-                        "constrained": [1.5, 2.5],
-                    }
-                },
-            },
-            "rounds": [
-                {"candidates": [], "decision": "added supply_sag", "reason": "nothing is left"}
-            ],
-            "untestable": [{"effect": "air_density", "needs": ["temperature"]}],
-            "silent": [
-                {"effect": "height_scale", "absorbed_by": "alpha", "bias_at_detection_limit": 0.0}
-            ],
-            "next_experiment": [
-                {
-                    "separates": ["height_offset", "near_wall_saturation"],
-                    "measure": "both directions",
-                }
-            ],
-        }
-    },
+_AFTER = {
+    "value": 2.0,
+    "lo90": 1.8,
+    "hi90": 2.2,
+    "conditional": [1.9, 2.1],
+    "constrained": [1.5, 2.5],
 }
+_GROUND = {
+    "base_model": "sanchez_cuevas",
+    "verdict": "effect",
+    "effects": [
+        {
+            "name": "supply_sag",
+            "rivals": ["session_gain"],
+            "parameters": {"p": {"value": 2.1, "lo90": 1.9, "hi90": 2.3}},
+        }
+    ],
+    "structure": [
+        {"covariate": "supply", "p_value": 1e-90},
+        {"covariate": "tilt", "p_value": 0.03, "significant": False},
+    ],
+    "error": {
+        "unit": "fraction of lift",
+        "noise_floor": 0.0041,
+        "before": {"held_out_rmse": 0.0122, "lo90": 0.0117, "hi90": 0.0128},
+        "after": {"held_out_rmse": 0.0043, "lo90": 0.0041, "hi90": 0.0045},
+    },
+    "coefficients": {
+        "before": {"K_b": {"value": 1.2, "lo90": 1.1, "hi90": 1.3}},
+        "after": {"K_b": _AFTER},
+    },
+    "rounds": [{"candidates": [], "decision": "added supply_sag", "reason": "nothing is left"}],
+    "untestable": [{"effect": "air_density", "needs": ["temperature"]}],
+    "silent": [{"effect": "height_scale", "absorbed_by": "alpha", "bias_at_detection_limit": 0.0}],
+    "next_experiment": [
+        {"separates": ["height_offset", "near_wall_saturation"], "measure": "both directions"}
+    ],
+}
+DIAGNOSED = {"schema": "nearlift.diagnosis/1", "boundaries": {"ground": _GROUND}}

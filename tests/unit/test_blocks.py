@@ -22,20 +22,13 @@ def workspace(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the pages speak of: the demo, run; a rig's campaign; a plan; logs without a manifest."""
     folder = tmp_path_factory.mktemp("docs")
     shutil.copytree(demo, folder, dirs_exist_ok=True)
-    small_run.write(folder / "raw" / "my-rig")
-    shutil.copytree(folder / "raw" / "my-rig" / "trials", folder / "logs")
+    rig = small_run.write(folder / "raw" / "my-rig")
+    shutil.copytree(rig / "trials", folder / "logs")
     (folder / "raw" / "next").mkdir()
-    rig = (folder / "raw" / "my-rig" / "campaign.toml").read_text()
-    plan = next(
-        b.body
-        for page in pages()
-        if page.name == "planning.md"
-        for b in blocks(page)
-        if b.kind == "toml"
-    )
-    (folder / "raw" / "next" / "campaign.toml").write_text(
-        rig.replace('"small"', '"next"') + "\n" + plan
-    )
+    [planning] = (page for page in pages() if page.name == "planning.md")
+    plan = next(b.body for b in blocks(planning) if b.kind == "toml")
+    text = (rig / "campaign.toml").read_text().replace('"small"', '"next"')
+    (folder / "raw" / "next" / "campaign.toml").write_text(f"{text}\n{plan}")
     return folder
 
 
@@ -54,15 +47,16 @@ def test_blocks_run(page, workspace, monkeypatch):
         runner.run(block)
 
 
-def test_reasons_are_reasons():
-    spared = [b for page in pages() for b in blocks(page) if b.why_not]
-    assert all(len(b.why_not) > 15 for b in spared)
+def test_no_block_is_overlooked_and_reasons_are_reasons():
+    """As many fences as blocks."""
+    spared = []
+    for page in pages():
+        fences = len(re.findall(r"^ *```", page.read_text(encoding="utf-8"), flags=re.M))
+        assert fences == 2 * len(blocks(page)), page
+        spared += [b.why_not for b in blocks(page) if b.why_not]
+    assert all(len(reason) > 15 for reason in spared)
     # one more than there are would be a habit: the last of them needs several machines
     assert len(spared) <= 7
-
-
-def block(kind: str, body: str) -> Block:
-    return Block(pages()[0], 1, kind, body, "")
 
 
 def test_a_wrong_block_fails(tmp_path, monkeypatch):
@@ -71,30 +65,26 @@ def test_a_wrong_block_fails(tmp_path, monkeypatch):
     """
     monkeypatch.chdir(tmp_path)
     runner = Runner()
-    with pytest.raises(AssertionError, match=r"README\.md:1: nearlift run nowhere: 2"):
-        runner.run(block("sh", "nearlift run nowhere\n"))
-    with pytest.raises(AssertionError, match="only nearlift and make"):
-        runner.run(block("sh", "rm -r raw\n"))
-    with pytest.raises(AssertionError, match="make"):
-        runner.run(block("sh", "make coffee\n"))
-    runner.run(block("python", "print('K_b = 2.01')\nprint('and more')\n"))
-    runner.run(block("text", "K_b = 2.02\n...\n"))
-    for text, told in (
+
+    def run(kind: str, body: str) -> None:
+        runner.run(Block(pages()[0], 1, kind, body))
+
+    for kind, body, text in (
+        ("sh", "nearlift run nowhere\n", r"README\.md:1: nearlift run nowhere: 2"),
+        ("sh", "rm -r raw\n", "only nearlift and make"),
+        ("sh", "make coffee\n", "make"),
+        ("toml", "[design]\nvisit = 3\n", "unknown key"),
+        ("", "nothing\n", "is not known here"),
+    ):
+        with pytest.raises(Exception, match=text):
+            run(kind, body)
+    run("python", "print('K_b = 2.01')\nprint('and more')\n")
+    run("text", "K_b = 2.02\n...\n")
+    for body, text in (
         ("K_c = 2.01\n", "was not printed"),
         ("K_b = 1.98\n...\n", "but printed: 'K_b = 2.01'"),
-        ("and more\n", "stands more"),
+        ("and more\n", "more was printed before"),
         ("K_b = 2.01\n", "more was printed"),
     ):
-        with pytest.raises(AssertionError, match=told):
-            runner.run(block("text", text))
-    with pytest.raises(Exception, match="unknown key"):
-        runner.run(block("toml", "[design]\nvisit = 3\n"))
-    with pytest.raises(AssertionError, match="nobody knows how to run it"):
-        runner.run(block("", "nothing\n"))
-
-
-def test_no_block_is_overlooked():
-    """As many fences as blocks."""
-    for page in pages():
-        fences = len(re.findall(r"^ *```", page.read_text(encoding="utf-8"), flags=re.M))
-        assert fences == 2 * len(blocks(page)), page
+        with pytest.raises(AssertionError, match=text):
+            run("text", body)

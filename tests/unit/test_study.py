@@ -18,6 +18,8 @@ from nearlift.study import Fit
 
 from . import small_run
 
+VEHICLE = {"rotor_radius": "23 mm", "mass": "27 g"}
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> nearlift.Study:
@@ -29,6 +31,16 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> nearlift.Study:
 @pytest.fixture(scope="module")
 def fit(study: nearlift.Study) -> Fit:
     return study.fit()
+
+
+@pytest.fixture(scope="module")
+def base(fit: Fit):
+    return fit.results.of_base("ground")
+
+
+@pytest.fixture(scope="module")
+def K_b(base):
+    return base.parameters["K_b"]
 
 
 def test_importing_nearlift_is_cheap_and_loads_the_interface_when_asked():
@@ -57,55 +69,46 @@ def test_a_reduction_is_the_cells_and_their_covariance(study):
     assert np.sqrt(np.diag(covariance)) == pytest.approx(cells["u_delta_L"])
 
 
-def test_a_fit_says_what_fit_json_says(study, fit):
+def test_a_fit_says_what_fit_json_says(study, fit, base, K_b):
     content = json.loads((study.processed / "fit.json").read_text())
     entry = content["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
-    rows = fit.coefficients
-    row = rows[rows["base"]].iloc[0]
+    row = fit.coefficients[fit.coefficients["base"]].iloc[0]
     assert (row["model"], row["coefficient"]) == ("sanchez_cuevas", "K_b")
     for key in ("value", "u", "lo90", "hi90"):
         assert row[key] == entry[key]
     assert fit.draws()["K_b"].mean() == pytest.approx(row["value"], abs=0.3 * row["u"])
-
-
-def test_what_is_not_there_is_refused_with_what_is(study, fit):
-    with pytest.raises(UsageError, match=r"'ceiling': was not fitted\n  there are ground"):
-        fit.draws("ceiling")
-    with pytest.raises(UsageError, match=r"hayden : was not fitted at the ground"):
-        fit.to_lmfit("ground", "hayden ")
-    with pytest.raises(UsageError, match=r"there are none at the ground"):
-        fit.draws("ground", "sanchez_cuevas_published")
-    with pytest.raises(UsageError, match=r"is no figure(.|\n)*fig2"):
-        study.plot("fig9")
-    with pytest.raises(UsageError, match=r"cannot be drawn"):
-        study.plot("fig3")
-    with pytest.raises(UsageError, match=r"is no table product(.|\n)*trials\.parquet"):
-        study.read("trials.csv")
-
-
-def test_a_fit_prints_as_a_report(fit):
-    K_b = fit.results.of_base("ground").parameters["K_b"]
     assert "[[ground: Sanchez-Cuevas]]" in str(fit)
     assert coefficient_text(K_b, "K_b") in str(fit)
     assert len(repr(fit).splitlines()) < 40
-
-
-def test_residuals_are_those_of_the_base_model(fit):
-    base = fit.results.of_base("ground")
     assert len(fit.residuals) == base.n_trials
     rms = np.sqrt(np.mean(fit.residuals["residual"] ** 2))
     assert rms == pytest.approx(base.rmse, rel=0.05)
 
 
-def test_a_fit_becomes_lmfit_parameters_and_inference_data(fit):
-    K_b = fit.results.of_base("ground").parameters["K_b"]
+def test_what_is_not_there_is_refused_with_what_is(study, fit):
+    for refused, given, match in (
+        (fit.draws, ("ceiling",), r"'ceiling': was not fitted\n  there are ground"),
+        (fit.to_lmfit, ("ground", "hayden "), r"hayden : was not fitted at the ground"),
+        (fit.draws, ("ground", "sanchez_cuevas_published"), "there are none at the ground"),
+        (study.plot, ("fig9",), r"is no figure(.|\n)*fig2"),
+        (study.plot, ("fig3",), "cannot be drawn"),
+        (study.read, ("trials.csv",), r"is no table product(.|\n)*trials\.parquet"),
+    ):
+        with pytest.raises(UsageError, match=match):
+            refused(*given)
+
+
+def test_a_fit_becomes_lmfit_parameters(fit, K_b):
     parameters = fit.to_lmfit()
     assert (parameters["K_b"].value, parameters["K_b"].stderr) == (K_b.value, K_b.u)
     two = fit.to_lmfit("ground", "sanchez_cuevas_free_exponent")
     assert -1 < two["K_b"].correl["n"] < 1
+
+
+def test_a_fit_becomes_inference_data(fit, K_b):
     pytest.importorskip("arviz")
-    posterior = fit.to_arviz().posterior
-    assert float(posterior["K_b"].mean()) == pytest.approx(K_b.value, abs=0.3 * K_b.u)
+    mean = float(fit.to_arviz().posterior["K_b"].mean())
+    assert mean == pytest.approx(K_b.value, abs=0.3 * K_b.u)
 
 
 def test_a_fit_is_the_same_whatever_is_on_disk_and_up_to_date_for_the_command_line(study, fit):
@@ -124,12 +127,11 @@ def test_a_diagnosis_says_what_its_products_say(study):
     loop = study.diagnose()
     content = json.loads((study.processed / "diagnosis.json").read_text())
     verdict = content["boundaries"]["ground"]["verdict"]
-    K_b = loop.quoted["ground"].coefficients["K_b"]
+    quoted = loop.quoted["ground"].coefficients["K_b"]
     assert loop.boundaries["ground"].verdict == verdict
-    assert loop.coefficients["verdict"].tolist() == [verdict]
-    assert loop.coefficients["value"].tolist() == [K_b.value]
+    assert loop.coefficients[["verdict", "value"]].to_numpy().tolist() == [[verdict, quoted.value]]
     assert f"verdict: {verdict}" in str(loop)
-    assert coefficient_text(K_b, "K_b") in str(loop)
+    assert coefficient_text(quoted, "K_b") in str(loop)
     assert len(loop.residuals) == len(loop.trials)
     assert len(repr(loop).splitlines()) < 40
 
@@ -142,23 +144,16 @@ def test_a_plot_is_a_figure_that_can_be_adjusted(study, tmp_path):
 
 
 @pytest.mark.parametrize("radii", [False, True])
-def test_a_table_of_trials_gives_the_fit_of_its_campaign(fit, radii):
+def test_a_table_of_trials_gives_the_fit_of_its_campaign(fit, K_b, radii):
     rows = fit.trials.drop(columns="trial")
-    if radii:
-        rows = rows.drop(columns="z_m")
-    else:
+    if not radii:
         rows = rows.assign(z_mm=1e3 * rows["z_m"], lift_mN=1e3 * rows["lift_N"])
-        rows = rows.drop(columns=["z_m", "lift_N"])
-    own = nearlift.trials(
-        rows,
-        rotor_radius="23 mm",
-        rotor_spacing="65 mm",
-        mass="27 g",
-        fit={"ground": {"rivals": []}},
-    )
+        rows = rows.drop(columns="lift_N")
+    rows = rows.drop(columns="z_m")
+    quick = {"ground": {"rivals": []}}
+    own = nearlift.trials(rows, rotor_spacing="65 mm", fit=quick, **VEHICLE)
     refit = own.fit().results.of_base("ground").parameters["K_b"]
-    declared = fit.results.of_base("ground").parameters["K_b"]
-    assert refit.value == pytest.approx(declared.value, abs=0.3 * declared.u)
+    assert refit.value == pytest.approx(K_b.value, abs=0.3 * K_b.u)
 
 
 def test_a_unit_follows_the_last_underscore():
@@ -173,12 +168,12 @@ def test_a_unit_follows_the_last_underscore():
 
 
 @pytest.mark.parametrize(
-    ("renamed", "what"),
-    [({"lift_N": "force_N"}, "no column of the lift"), ({"lift_N": "lift_stone"}, "no known unit")],
+    ("name", "what"),
+    [("force_N", "no column of the lift"), ("lift_stone", "no known unit")],
 )
-def test_a_table_of_trials_that_cannot_be_read_is_refused(fit, renamed, what):
+def test_a_table_of_trials_that_cannot_be_read_is_refused(fit, name, what):
     with pytest.raises(UsageError, match=what):
-        nearlift.trials(fit.trials.rename(columns=renamed), rotor_radius="23 mm", mass="27 g")
+        nearlift.trials(fit.trials.rename(columns={"lift_N": name}), **VEHICLE)
 
 
 def test_residuals_leave_out_rejected_trials(tmp_path):
