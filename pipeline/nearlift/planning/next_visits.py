@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from nearlift.randomness import generator
 from nearlift.results.answers import NextVisit, NextVisits
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import NextSession
-from nearlift.results.quotation import Results
+from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.rounding import plain
 
 COUNT = 10
@@ -76,7 +76,20 @@ def plan_visits(
         diagnosis = diagnoses.get(boundary)
         try:
             forecast = of_trials(trials, campaign, boundary, diagnosis, seed, few=True)
-            batches.append(_at(forecast, trials, campaign, diagnosis, quoted, asked, count))
+            question, aim = _aim(forecast, asked, diagnosis)
+            notes = (
+                *forecast.notes,
+                *_notes(forecast, campaign, asked, aim, diagnosis, quoted.boundaries.get(boundary)),
+            )
+            # every scheduled distance by z_hat, measured or not, as the traverse shows it
+            mine = np.isin(trials["boundary"], [boundary, "none"])
+            shown_m = trials["z_m"][mine] - campaign.distance_reference(boundary).offset_m
+            shown = dict(zip(trials["z_hat"][mine].tolist(), shown_m.tolist(), strict=True))
+            low, high = forecast.problem.base.valid_z_hat
+            stations = np.array([z for z in shown if low < z <= high or np.isinf(z)])
+            menu = next_visits.menu(forecast.problem.data, stations, "supply_sag" in aim)
+            plan = next_visits.plan(forecast.problem, question, menu, asked.rounds)
+            batches.append(_batch(plan, forecast.problem, aim, asked.until, count, notes, shown))
         except (NotConverged, InputRefused) as fault:
             refused.append((boundary, fault))
     if not batches:
@@ -88,48 +101,38 @@ def plan_visits(
     return tuple(batches), tuple(f"{b}: {fault.what}; {fault.remedy}" for b, fault in refused)
 
 
-def _at(
+def _notes(
     forecast: Forecast,
-    trials: Trials,
     campaign: Campaign,
-    diagnosis: BoundaryDiagnosis | None,
-    quoted: Results,
     asked: VisitQuestion,
-    count: int,
-) -> NextVisits:
-    """Next visits at one boundary and their gain."""
-    problem, effects = forecast.problem, forecast.effects
-    data, notes = problem.data, list(forecast.notes)
-    question, aim = (
-        _coefficient(problem, asked.coefficient, effects, diagnosis)
-        if asked.coefficient
-        else _rivals(problem, asked, effects, diagnosis)
-    )
-    if asked.coefficient:
-        notes += _quoted(quoted, problem, asked.coefficient)
-    elif diagnosis is not None:
+    aim: tuple[str, ...],
+    diagnosis: BoundaryDiagnosis | None,
+    quoted: BoundaryResult | None,
+) -> Iterator[str]:
+    """Remarks on the aim, and on a campaign whose schedule is not an ordinary one."""
+    problem, data = forecast.problem, forecast.problem.data
+    if asked.coefficient and quoted and asked.coefficient in quoted.coefficients:
+        at = [p.name for p in problem.base.parameters].index(asked.coefficient)
+        u, floor = quoted.coefficients[asked.coefficient].u, spread(problem, problem.base_fit)[1]
+        if u > NOTED_RATIO * floor[at]:
+            yield (
+                f"results.json quotes u({letter(asked.coefficient)}) = {plain(u, 2)}, which depends"
+                " on more than the noise floor: few visits, or confounded explanations"
+            )
+    if diagnosis and not asked.coefficient:
         # the same two explanations, for sessions at other places too
-        notes += [
-            f"the diagnosis proposes {n.measure}: expected evidence {plain(n.expected_evidence, 2)}"
-            f" in {n.trials} trials"
-            for n in diagnosis.next_experiment
-            if isinstance(n, NextSession) and n.separates == aim
-        ]
+        for n in diagnosis.next_experiment:
+            if isinstance(n, NextSession) and n.separates == aim:
+                yield (
+                    f"the diagnosis proposes {n.measure}: expected evidence"
+                    f" {plain(n.expected_evidence, 2)} in {n.trials} trials"
+                )
     if data.record is not None:
-        notes.append("records are cut into trials here: a visit is a record of its own")
+        yield "records are cut into trials here: a visit is a record of its own"
     if campaign.records.reader == "means":
-        notes.append("a table of means: fill in the mean lift of each row before it is read")
+        yield "a table of means: fill in the mean lift of each row before it is read"
     if not data.ordered:
-        notes.append("the order of the trials is unknown: what drifts is not planned for")
-    # every scheduled distance by z_hat, measured or not, as the traverse shows it
-    mine = np.isin(trials["boundary"], [data.boundary, "none"])
-    shown_m = trials["z_m"][mine] - campaign.distance_reference(data.boundary).offset_m
-    shown = dict(zip(trials["z_hat"][mine].tolist(), shown_m.tolist(), strict=True))
-    low, high = problem.base.valid_z_hat
-    stations = np.array([z for z in shown if low < z <= high or np.isinf(z)])
-    menu = next_visits.menu(data, stations, "supply_sag" in aim)
-    plan = next_visits.plan(problem, question, menu, asked.rounds)
-    return _batch(plan, problem, aim, asked.until, count, notes, shown)
+        yield "the order of the trials is unknown: what drifts is not planned for"
 
 
 def _batch(
@@ -138,7 +141,7 @@ def _batch(
     aim: tuple[str, ...],
     until: float | None,
     count: int,
-    notes: list[str],
+    notes: tuple[str, ...],
     shown_m: Mapping[float, float],
 ) -> NextVisits:
     """Batch of visits and its gain."""
@@ -148,11 +151,10 @@ def _batch(
     more: int | None = None
     if u_wanted is not None and u_now <= u_wanted:
         more = 0
-    elif u_wanted is not None:
+    elif u_wanted is not None and plan.least < u_wanted:
         ahead = generator(seed, "visits after the next", boundary, *aim)
-        wanted = plan.until(u_wanted, count, ahead) if plan.least < u_wanted else None
-        if wanted is not None:
-            more = len(wanted)
+        wanted = plan.until(u_wanted, count, ahead)
+        more = None if wanted is None else len(wanted)
     menu = plan.menu
     throttles = menu.trials.throttle.reshape(len(menu), -1)
     z_hat = menu.z_hat[menu.station[visits]].tolist()
@@ -183,72 +185,39 @@ def _batch(
                 zip(visits.tolist(), z_hat, places, places[1:], strict=False)
             )
         ),
-        notes=tuple(notes),
+        notes=notes,
     )
 
 
-def _coefficient(
-    problem: SearchProblem,
-    name: str,
-    library: tuple[Effect, ...],
-    diagnosis: BoundaryDiagnosis | None,
+def _aim(
+    forecast: Forecast, asked: VisitQuestion, diagnosis: BoundaryDiagnosis | None
 ) -> tuple[Aim, tuple[str, ...]]:
-    """Aim at the coefficient, with the effects that the diagnosis names in the model."""
-    known = {e.name: e for e in library}
-    named = tuple(known[e.name] for e in diagnosis.effects if e.name in known) if diagnosis else ()
-    fitted = problem.explain(named).fitted if named else problem.base_fit
-    at = [p.name for p in problem.base.parameters].index(name)
-    return next_visits.of_coefficient(fitted, at), (name,)
-
-
-def _quoted(quoted: Results, problem: SearchProblem, name: str) -> list[str]:
-    """A note where results.json quotes much more than the noise floor leaves."""
-    result = quoted.boundaries.get(problem.data.boundary)
-    if result is None or name not in result.coefficients:
-        return []
-    at = [p.name for p in problem.base.parameters].index(name)
-    u, floor = result.coefficients[name].u, spread(problem, problem.base_fit)[1][at]
-    if not u > NOTED_RATIO * floor:
-        return []
-    note = (
-        f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which depends on more than the"
-        " noise floor: few visits, or confounded explanations"
-    )
-    return [note]
-
-
-def _rivals(
-    problem: SearchProblem,
-    asked: VisitQuestion,
-    library: tuple[Effect, ...],
-    diagnosis: BoundaryDiagnosis | None,
-) -> tuple[Aim, tuple[str, ...]]:
-    """Aim at two explanations as fitted, or at a plausible size where the trials show none."""
+    """Aim at the coefficient, with the effects that the diagnosis names in the model; or at two
+    explanations as fitted, or at a plausible size where the trials show none.
+    """
+    problem, known = forecast.problem, {e.name: e for e in forecast.effects}
     where = f"next visits at the {problem.data.boundary}"
-    known = {e.name: e for e in library}
-    one: tuple[str, ...]
-    other: tuple[str, ...]
-    if asked.pair:
-        one, other = ((name,) for name in asked.pair)
-    else:
-        listed = (diagnosis.explanations or ()) if diagnosis else ()
-        if len(listed) < 2:
-            raise InputRefused(
-                where,
-                "the diagnosis names no two explanations that it cannot distinguish",
-                "name them: --for separate=supply_sag,gain_drift",
-            )
-        one, other = listed[:2]
+    if asked.coefficient:
+        identified = diagnosis.effects if diagnosis else ()
+        named = tuple(known[e.name] for e in identified if e.name in known)
+        fitted = problem.explain(named).fitted if named else problem.base_fit
+        at = [p.name for p in problem.base.parameters].index(asked.coefficient)
+        return next_visits.of_coefficient(fitted, at), (asked.coefficient,)
+    rivals = [(name,) for name in asked.pair] or (diagnosis and diagnosis.explanations) or ()
+    if len(rivals) < 2:
+        raise InputRefused(
+            where,
+            "the diagnosis names no two explanations that it cannot distinguish",
+            "name them: --for separate=supply_sag,gain_drift",
+        )
+    one, other = rivals[:2]
     for name in (*one, *other):
         if name not in known:
             needs = catalogue.effect(name).log_next_time
-            raise InputRefused(
-                where,
-                f"{name} cannot be tested",
-                f"log {', '.join(needs)}, and let it vary"
-                if needs
-                else "choose an effect that occurs at this boundary",
-            )
+            remedy = "choose an effect that occurs at this boundary"
+            if needs:
+                remedy = f"log {', '.join(needs)}, and let it vary"
+            raise InputRefused(where, f"{name} cannot be tested", remedy)
     question = next_visits.of_rivals(problem, *_points(problem, known, one, other))
     return question, (" + ".join(one), " + ".join(other))
 
@@ -256,13 +225,13 @@ def _rivals(
 def _points(
     problem: SearchProblem, known: Mapping[str, Effect], one: Sequence[str], other: Sequence[str]
 ) -> tuple[Point, Point]:
-    def fitted(names: Sequence[str], log_lift: FloatArray) -> Point:
-        candidate = problem.candidate(*(known[n] for n in names))
+    def fitted(log_lift: FloatArray) -> Point:
+        candidate = problem.candidate(*(known[n] for n in other))
         return search(candidate, problem.starts, log_lift).point
 
     mine = problem.explain(tuple(known[n] for n in one))
     if mine.gain > MIN_GAIN or len(one) > 1:
-        return mine.fitted.point, fitted(other, problem.log_lift)
+        return mine.fitted.point, fitted(problem.log_lift)
     effect = known[one[0]]
     if problem.visibility(effect) <= SILENT:
         raise InputRefused(
@@ -270,9 +239,6 @@ def _points(
             f"{effect.name} is absorbed by the coefficients and L_inf",
             "make another measurement; more visits do not help",
         )
-    size_parameter = size_parameters(effect)[0]
-    vector = DesignPower(problem=problem).vector(
-        size_parameter, min(size_parameter.plausible, size_parameter.largest)
-    )
-    supposed = problem.candidate(effect).log_ratio(vector)
-    return ((effect,), vector), fitted(other, supposed)
+    size = size_parameters(effect)[0]
+    vector = DesignPower(problem=problem).vector(size, min(size.plausible, size.largest))
+    return ((effect,), vector), fitted(problem.candidate(effect).log_ratio(vector))

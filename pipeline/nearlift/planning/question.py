@@ -8,19 +8,14 @@ from nearlift.errors import UsageError
 
 #: Share of a batch that goes round all stations, unless asked otherwise.
 ROUNDS = 0.5
-SEPARATE = "separate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisitQuestion:
-    """A coefficient, or two explanations to distinguish: by default those of the diagnosis.
+    """A `coefficient`, or a `pair` of effects to distinguish: by default those of the diagnosis.
 
-    Attributes
-    ----------
-    until : float or None
-        Standard uncertainty of the coefficient at which to stop.
-    rounds : float
-        Share of a batch that goes round all stations.
+    Visits stop at the standard uncertainty `until` of the coefficient. `rounds` is the share of a
+    batch that goes round all stations.
     """
 
     coefficient: str = ""
@@ -41,7 +36,7 @@ class VisitQuestion:
         from nearlift import catalogue
 
         word, _, names = text.partition("=")
-        if word != SEPARATE:
+        if word != "separate":
             return cls(coefficient=text, until=until, rounds=rounds)
         pair = tuple(n.strip() for n in names.split(",") if n.strip())
         if pair and len(set(pair)) != 2:
