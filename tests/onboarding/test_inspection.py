@@ -90,7 +90,6 @@ def test_lost_samples_and_a_clock_without_a_unit_are_told_in_text_and_json(tmp_p
         (b"\x89HDF\r\n\x1a\nnothing", "cannot be read"),
         (b"t,F\n", "holds no channel of numbers"),
         (b'{"t": 1, "F": 2}\n{"t": 2, "F": 3}\n', "is JSON, XML or bracketed lists"),
-        (b'[{"t": 1, "F": 2}, {"t": 2, "F": 3}]', "is JSON, XML or bracketed lists"),
         (None, "is missing"),
     ],
 )

@@ -152,17 +152,12 @@ def test_a_velocity_grid_gets_a_piv_section_that_can_be_filled_in(tmp_path):
     ):
         text = text.replace(blank, value)
     section = validated(Piv, tomllib.loads(text)["piv"], "it")
+    rows = (f"{16 * i} {16 * j} 0.5 -2.5 {30 + i}\n" for j in range(1, 5) for i in range(1, 6))
+    pixels = tomllib.loads(block(inspect(written.put(tmp_path, "a.txt", "".join(rows).encode()))))
+    blank = {key for key, value in pixels["piv"].items() if "FILL IN" in str(value)}
+    assert {"length_unit", "velocity_unit", "scale", "frame_time"} <= blank
     assert (section.control, section.format) == ("free", "insight")
     assert section.case[0].files == "piv/free/*.vec"
     refused = nearlift("new", tmp_path / "c", "--from", path)
     assert (refused.exit_code, "no record of force" in refused.stderr) == (2, True)
     assert not (tmp_path / "c").exists()
-
-
-def test_a_grid_in_pixels_is_asked_for_its_scale(tmp_path):
-    rows = (f"{16 * i} {16 * j} 0.5 -2.5 {30 + i}\n" for j in range(1, 5) for i in range(1, 6))
-    path = written.put(tmp_path, "a.txt", "".join(rows).encode())
-    section = tomllib.loads(block(inspect(path)))["piv"]
-    assert section["format"] == "openpiv"
-    blank = {key for key, value in section.items() if "FILL IN" in str(value)}
-    assert {"length_unit", "velocity_unit", "scale", "frame_time"} <= blank

@@ -26,8 +26,8 @@ from nearlift.reduction.start import RotorStart, start_of, wrap_of
 #: First bytes of a DataFlash log: two that begin each message, and the type of its formats.
 DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
-#: Columns without names that names are proposed for.
-MOST_COLUMNS = 64
+#: Columns without names that names are proposed for, and what they are called, with a number.
+MOST_COLUMNS, UNNAMED = 64, "column"
 #: Different codes of a converter that one record has at most.
 MOST_CODES = 4
 #: Share of a sweep's largest lift that its first level has at rest.
@@ -42,10 +42,9 @@ COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "h
 class Inspection:
     """Contents of one file, its reader, and the channels that may be the force and its clock.
 
-    A velocity grid has `grid`, a list of trials `table`. `unnamed` marks a text without a header,
-    whose columns the `dialect` names. `rows_per_stamp` is the number of rows that share each time
-    of the clock. `further` are channels that are covariates of a schedule, with their unit, by its
-    columns' names.
+    A velocity grid has `grid`, a list of trials `table`. The `dialect` names the columns of a text
+    without a header. `rows_per_stamp` is the number of rows that share each time of the clock.
+    `further` are channels that are covariates of a schedule, with their unit, by their names there.
 
     Of the force: `doubt` is the reason why its rate is doubtful, and `wraps` the jump of a counter
     that may have wrapped. `ramp` is given where the record has many lifts, `start` (in samples)
@@ -56,7 +55,6 @@ class Inspection:
     contents: Contents
     reader: str = ""
     dialect: RecordsDialect = field(default_factory=dict)
-    unnamed: bool = False
     grid: Grid | None = None
     table: InputTable | None = None
     force: Channel | None = None
@@ -96,34 +94,29 @@ def inspect(
         raise InputRefused(str(path), "is empty", "was the disk full?")
     if not (dialect or record) and (grid := grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, grid=grid)
-    reader, stated, unnamed = _reader_of(path), dict(dialect or {}), False
+    reader, stated = _reader_of(path), dict(dialect or {})
     table = tables.table_of(path, stated) if reader in (TEXT, SHEET) else None
     table = table if table is not None and table.lists_trials else None
     is_means = table is not None and table.means
     if table is not None and is_means:
         contents = table.contents
     else:
-        contents, stated, unnamed = _read(reader, path, stated)
+        contents, stated = _read(reader, path, stated)
     channels = [_with_unit(c) for c in contents.channels]
     clock = _clock(channels, headings.force_channel(channels))
     if all(c.rate_Hz is None for c in channels) and clock and len(clock.values) > 2:
         tick = SECONDS.get(clock.unit)
         channels = [replace(c, rate_Hz=tick and rate_of(tick * clock.values)) for c in channels]
     force = headings.force_channel(channels)
-    if (
-        reader is TEXT
-        and not stated
-        and not is_means
-        and _is_plain_csv(path, force or channels[0], clock)
-    ):
+    if reader is TEXT and not stated and contents.kind == "text":
+        # plain CSV has a stricter reader
         reader = CSV
     inspected = Inspection(
         path=path,
         contents=replace(contents, channels=tuple(channels)),
         reader="means" if is_means else reader.name,
         dialect=stated,
-        unnamed=unnamed,
-        table=None if unnamed else table,
+        table=table,
         force=force,
         clock=clock,
         rows_per_stamp=1 if clock is None else _rows_per_stamp(clock.values),
@@ -154,9 +147,8 @@ def _reader_of(path: Path) -> Reader:
 
 def _read(
     reader: Reader, path: Path, stated: dict[str, object]
-) -> tuple[Contents, dict[str, object], bool]:
-    """Channels of a file, the dialect that reads it, and whether its columns had no names."""
-    unnamed = False
+) -> tuple[Contents, dict[str, object]]:
+    """Channels of a file, and the dialect that reads it: it names columns that have no names."""
     try:
         try:
             contents = reader.open(path, reader.checked_dialect(stated))
@@ -164,8 +156,7 @@ def _read(
             if refusal.columns > MOST_COLUMNS or tables.several(path, stated) is not None:
                 raise
             # the file is read by the names that are proposed
-            unnamed = True
-            stated = {**stated, "columns": [f"column {i + 1}" for i in range(refusal.columns)]}
+            stated = {**stated, "columns": [f"{UNNAMED} {i + 1}" for i in range(refusal.columns)]}
             contents = reader.open(path, reader.checked_dialect(stated))
         if not contents.channels:
             what = "holds no channel of numbers"
@@ -178,19 +169,7 @@ def _read(
             remedy = "write its numbers as CSV, for example by pandas: read_json(FILE).to_csv(NEW)"
             raise InputRefused(str(path), what, remedy) from None
         raise (tables.several(path, stated) if reader is TEXT else None) or refusal from None
-    return contents, stated, unnamed
-
-
-def _is_plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
-    """Whether the stricter and faster reader of plain CSV reads the same numbers."""
-    wanted = {c.name: c.values for c in (force, clock) if c is not None}
-    try:
-        read = {c.name: c.values for c in CSV.open(path, {}, tuple(wanted)).channels}
-    except InputRefused:
-        return False
-    return read.keys() == wanted.keys() and all(
-        np.array_equal(read[name], wanted[name], equal_nan=True) for name in wanted
-    )
+    return contents, stated
 
 
 # ---- channels

@@ -14,7 +14,7 @@ from tomlkit.items import InlineTable
 
 from nearlift import units
 from nearlift.campaign.manifest import BLANK
-from nearlift.onboarding.inspection import Inspection
+from nearlift.onboarding.inspection import UNNAMED, Inspection
 from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
 from nearlift.readers.base import AS_FORCE, FORCE_UNITS, rate_of
@@ -152,7 +152,8 @@ def _fill_records(records: Any, first: Inspection, files: str | None) -> None:
     records["files"] = alone if files is None else files
     _set(records, "force", *_force(first))
     if first.dialect:
-        remark = "the file has no names: FILL IN" if first.unnamed else ""
+        unnamed = f"{UNNAMED} 1" in str(first.dialect.get("columns"))
+        remark = "the file has no names: FILL IN" if unnamed else ""
         _set(records, "dialect", _inline(first.dialect), remark)
     clock = first.clock
     # a clock whose unit is doubtful, or with many rows to each stamp, is left out

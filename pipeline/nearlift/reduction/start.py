@@ -87,12 +87,11 @@ def _first_that_lasts(
     return at + int(np.argmax(whole)) if whole.any() else None
 
 
-def wrap_of(force: FloatArray, largest: float | None = None) -> float | None:
+def wrap_of(force: FloatArray) -> float | None:
     """The size of a jump from one sample to the next that lasts and is no force; None where there
     is none.
 
-    It is above the `largest` force that is possible. Where that is not known, it is tens of
-    thousands of standard deviations, or all codes of a counter.
+    It has tens of thousands of standard deviations, or all codes of a counter.
     """
     known = force[np.isfinite(force)]
     if len(known) < 4 * LASTS:
@@ -105,8 +104,6 @@ def wrap_of(force: FloatArray, largest: float | None = None) -> float | None:
     jump = abs(median(after) - median(before))
     if jump < 0.5 * steps[at - 1]:
         return None
-    if largest is not None:
-        return jump if jump > largest else None
     whole = bool((known[:: max(1, len(known) // 100)] % 1 == 0).all())
     counted = whole and any(abs(jump / codes - 1) < LIFT_SHARE for codes in CODES)
     scatter = SD_PER_MAD * median(steps) / 2**0.5
