@@ -59,19 +59,40 @@ def brute(found, left_out):
     return multivariate_normal.logpdf(error, cov=spread), float(error @ error)
 
 
+def estimated(found, keep):
+    """The coefficients from some of the trials by dense least squares about the fit's own optimum,
+    the covariance as it is.
+    """
+    problem = found.problem
+    data, covariance = problem.data, problem.covariance.dense()[np.ix_(keep, keep)]
+    x = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(found.theta)])[keep]
+    y = (np.log(data.lift_N) - problem.log_ratio(found.theta))[keep]
+    return np.linalg.lstsq(
+        x.T @ np.linalg.solve(covariance, x), x.T @ np.linalg.solve(covariance, y), rcond=None
+    )[0][len(data.levels) :]
+
+
 @pytest.mark.parametrize("case", CASES)
-def test_the_closed_form_is_the_dense_prediction(case):
+def test_the_closed_form_is_dense_prediction_and_dense_least_squares(case):
+    """Of visits left out, and of coefficients without a trial or a visit."""
     name, kind, parts = CASES[case]
     about = 2e-4 if case == "height error" else 0.0
-    data = campaign(3, visits=3, **kind)
-    found = fit(catalogue.model(name), data, parts, SCATTER, offset_m=about)
-    held = influence(found)
+    found = fit(
+        catalogue.model(name), campaign(3, visits=3, **kind), parts, SCATTER, offset_m=about
+    )
+    held, data, u = influence(found), found.problem.data, np.sqrt(np.diag(found.covariance))
     assert held.predicted.all()
-    assert held.visit.tolist() == sorted(set(found.problem.data.visit.tolist()))
+    assert held.visit.tolist() == sorted(set(data.visit.tolist()))
     for v in (0, 5, 11):
         density, squares = brute(found, v)
         assert held.log_density[v] == pytest.approx(density, abs=1e-6)
         assert held.squares[v] == pytest.approx(squares, rel=1e-6)
+    whole = estimated(found, np.ones(data.n, dtype=bool))
+    kept = [(held.of_trial[i], np.arange(data.n) != i) for i in (0, 17, 60)]
+    kept += [(held.of_visit[v], data.visit != held.visit[v]) for v in (0, 5, 11)]
+    for shift, rest in kept:
+        expected = (estimated(found, rest) - whole) / u
+        np.testing.assert_allclose(shift / u, expected, rtol=1e-5, atol=1e-7)
 
 
 def test_a_wrong_model_foretells_worse_and_a_needless_parameter_gains_nothing():
@@ -148,41 +169,6 @@ def test_a_visit_that_nothing_foretells_is_left_out():
     held = influence(found)
     assert held.visit[~held.predicted].tolist() == [4]
     assert score(held, held).skipped == 1
-
-
-def estimated(found, keep):
-    """The coefficients from some of the trials by dense least squares about the fit's own optimum,
-    the covariance as it is.
-    """
-    problem = found.problem
-    data, covariance = problem.data, problem.covariance.dense()[np.ix_(keep, keep)]
-    x = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(found.theta)])[keep]
-    y = (np.log(data.lift_N) - problem.log_ratio(found.theta))[keep]
-    return np.linalg.lstsq(
-        x.T @ np.linalg.solve(covariance, x), x.T @ np.linalg.solve(covariance, y), rcond=None
-    )[0][len(data.levels) :]
-
-
-@pytest.mark.parametrize("case", [name for name in CASES if name != "none"])
-def test_shifts_are_those_of_dense_least_squares_without_the_trial_or_the_visit(case):
-    name, kind, parts = CASES[case]
-    about = 2e-4 if case == "height error" else 0.0
-    data = campaign(3, visits=3, **kind)
-    found = fit(catalogue.model(name), data, parts, SCATTER, offset_m=about)
-    moved, data = influence(found), found.problem.data
-    u = np.sqrt(np.diag(found.covariance))
-    whole = estimated(found, np.ones(data.n, dtype=bool))
-    for i in (0, 17, 60):
-        without = estimated(found, np.arange(data.n) != i)
-        np.testing.assert_allclose(
-            moved.of_trial[i] / u, (without - whole) / u, rtol=1e-5, atol=1e-7
-        )
-    for v in (0, 5, 11):
-        apart = data.visit != moved.visit[v]
-        without = estimated(found, apart)
-        np.testing.assert_allclose(
-            moved.of_visit[v] / u, (without - whole) / u, rtol=1e-5, atol=1e-7
-        )
 
 
 @pytest.mark.parametrize("size", [0.0, 0.03, -0.05])

@@ -63,17 +63,6 @@ def test_the_fit_is_the_integral_on_a_dense_grid():
     assert u == pytest.approx(np.sqrt(along @ (offset - along @ offset) ** 2), rel=0.05)
 
 
-def test_where_the_slope_suffices_both_ways_agree():
-    data, parts = near_ceiling(3), (datum(2e-5),)
-    slope, about = (fit(CEILING, data, parts, SCATTER, offset_m=m) for m in (0.0, 1e-5))
-    assert about.theta == pytest.approx(slope.theta, abs=0.02 * slope.estimates["alpha"].u)
-    assert about.estimates["alpha"].u == pytest.approx(slope.estimates["alpha"].u, rel=0.02)
-    assert about.log_likelihood == pytest.approx(slope.log_likelihood, abs=0.15)
-    for throttle, level in slope.levels.items():
-        assert about.levels[throttle].value == pytest.approx(level.value, rel=1e-4)
-        assert about.levels[throttle].u == pytest.approx(level.u, rel=0.02)
-
-
 @pytest.mark.nightly
 def test_the_interval_covers_where_the_slope_at_the_recorded_distance_does_not():
     """A datum of 0.5 mm under a ceiling at 2.3 mm: 60 campaigns. Of true 90 % intervals fewer than

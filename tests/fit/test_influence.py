@@ -53,15 +53,14 @@ def test_an_outlier_is_named_with_the_value_that_it_spoilt(clean):
     assert found.without_all is None
 
 
-@pytest.mark.parametrize("factor", [3.0, 10.0])
-def test_an_outlier_near_the_pole_is_named_and_the_fit_stands(factor):
+def test_an_outlier_near_the_pole_is_named_and_the_fit_stands():
     """Taken for scatter of heights, it would put stops where the model has no value."""
     stations = np.array([20.0, 24, 30, 40, 55, 80, 130, 300]) / 23
     data = campaign(3, stations=stations, visits=5, relative=0.005, height=3e-5)
     near = np.flatnonzero(data.z_hat == stations[1])[2]
     spoilt = least_squares.fit(
         MODEL,
-        replace(data, lift_N=np.where(np.arange(data.n) == near, factor, 1.0) * data.lift_N),
+        replace(data, lift_N=np.where(np.arange(data.n) == near, 3.0, 1.0) * data.lift_N),
         PARTS,
     )
     (suspect,) = influence.search(spoilt, PARTS, {str(data.trial[near])}).suspects

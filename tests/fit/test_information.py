@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, part
+from tests.unit.simulated import GEOMETRY, RADIUS, campaign, part
 
 from nearlift import catalogue
 from nearlift.fit import information
@@ -215,16 +215,6 @@ def test_welch_and_satterthwaite():
     assert information.effective_dof(lines, estimated) == pytest.approx(expected)
 
 
-def test_a_scatter_that_repeats_tell_has_their_degrees_of_freedom():
-    """240 trials in 40 cells leave 200 degrees of freedom, however they are dealt among parts that
-    trade places.
-    """
-    data = campaign(8, visits=6, relative=0.01, force=0.0, height=0.0)
-    data = dataclasses.replace(data, u_lift_N=np.zeros(data.n))
-    found = fit(catalogue.model("sanchez_cuevas"), data)
-    assert 0.5 * 200 < found.effective[0] < 1.2 * 200
-
-
 def test_numbers_without_scatter_get_the_least_scatter_assumed():
     data = campaign(3, visits=2)
     data = dataclasses.replace(data, u_lift_N=np.zeros(data.n))
@@ -316,12 +306,6 @@ def test_a_coefficient_known_from_elsewhere():
     )
 
 
-def test_all_levels_together():
-    (one,) = [r for r in information.halvings(few())["K_b"].knowledge if r.quantity == "L_inf"]
-    assert "correlates with the L_inf values (multiple r = " in one.text
-    assert one.unit == "%"
-
-
 def test_so_many_repeats_halve_it():
     found = few(parts=(datum(0.02e-3),))
     repeats = information.halvings(found)["K_b"].repeats
@@ -359,22 +343,6 @@ def test_no_number_of_repeats_undoes_a_bent_line():
     repeats = information.halvings(found)["K_b"].repeats
     assert repeats.times == np.inf
     assert "No number of repeats would halve u(K_b)" in repeats.text
-
-
-def test_a_height_error_is_among_them():
-    data = campaign(
-        3,
-        boundary="ceiling",
-        ratio=hsiao,
-        stations=(0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 10.0),
-        datum=5e-4,
-        visits=6,
-    )
-    found = fit(catalogue.model("hsiao_chirarattananon"), data, (datum(5e-4),), SMALL)
-    halving = information.halvings(found)["alpha"]
-    one = next(r for r in halving.knowledge if r.quantity == "distance datum")
-    assert one.u == pytest.approx(found.estimates["alpha"].u)
-    assert halving.repeats.times > 1
 
 
 def test_nothing_is_said_of_what_is_not_determined():

@@ -70,7 +70,7 @@ def test_a_fit_is_that_of_all_unknowns_together():
         assert level.u == pytest.approx(np.exp(x[i]) * covariance[i, i] ** 0.5, rel=1e-4)
 
 
-@pytest.mark.parametrize("scale", [1e-2, 1.0001, 50.0])
+@pytest.mark.parametrize("scale", [1e-2, 50.0])
 def test_all_forces_times_c_scale_L_inf_and_nothing_else(scale):
     """Scatter estimated again each time: that too must follow the unit of force."""
     data = campaign(3)
@@ -145,10 +145,9 @@ LAYOUT = {
 
 
 @pytest.mark.parametrize("name", ["cheeseman_bennett_fixed", "hayden", "images", "sidewall_none"])
-@pytest.mark.parametrize("visits", [1, 4])
-def test_a_model_with_nothing_free_is_compared_all_the_same(name, visits):
+def test_a_model_with_nothing_free_is_compared_all_the_same(name):
     model = catalogue.model(name)
-    data = campaign(3, visits=visits, boundary=model.boundary)
+    data = campaign(3, visits=1, boundary=model.boundary)
     found = fit(model, dataclasses.replace(data, geometry={**GEOMETRY, **LAYOUT}), (DATUM,))
     assert (found.theta.shape, found.covariance.shape, found.estimates, degeneracies(found)) == (
         (0,),
@@ -160,15 +159,6 @@ def test_a_model_with_nothing_free_is_compared_all_the_same(name, visits):
     entry = summary(found)
     assert np.isfinite([entry.chi2, entry.rmse, entry.aic, entry.bic]).all()
     assert all(level.u > 0 for level in found.levels.values())
-
-
-@pytest.mark.parametrize("end", [0, 1])
-def test_a_start_at_a_bound_leads_to_the_same_minimum(end):
-    found = fit(catalogue.model("hsiao_chirarattananon"), CEILING)
-    (alpha,) = found.problem.model.parameters
-    assert minimum(found.problem, np.array([alpha.bounds[end]])) == pytest.approx(
-        found.theta, rel=1e-6
-    )
 
 
 def test_a_parameter_at_its_bound_says_so():
@@ -289,25 +279,6 @@ def steep(value: float) -> LiftModel:
     )
 
 
-def test_what_is_vaguer_than_a_million_widths_of_its_bounds_is_not_determined():
-    """A coefficient of next to no effect: its standard uncertainty goes as one over that."""
-
-    def u_over_width(effect):
-        model = dataclasses.replace(
-            steep(0.5),
-            evaluate=lambda z, /, *, k: 1 + effect * k / np.asarray(z),
-            checks=(
-                Check(x=2.0, expected=1 + effect / 2, arguments={"k": 1.0}, quoted_by="by hand"),
-            ),
-        )
-        return fit(model, campaign(3, visits=1), (), SCATTER).estimates["k"].u / 5
-
-    effect = 1e-4
-    known = u_over_width(effect)
-    assert u_over_width(effect * known / 0.7e6) == pytest.approx(0.7e6, rel=1e-3)
-    assert u_over_width(effect * known / 1.4e6) == np.inf
-
-
 def test_a_start_beyond_a_pole_is_left_for_one_where_the_model_has_a_value():
     data = campaign(3, ratio=lambda z: 1 / (1 - 0.5 / z), height=0.0)
     problem = assemble(steep(1.45), data, (), SCATTER, np.array([0.5]))
@@ -331,21 +302,6 @@ def test_a_model_without_a_value_wherever_it_starts_is_refused_with_the_trials_t
     )
     with pytest.raises(NotConverged, match=text):
         minimum(problem)
-
-
-def test_the_optimiser_does_not_settle_beyond_a_pole():
-    """The fit wants k = 1.1; from 0 its first steps lead beyond 1.14, where the nearest trials have
-    no ratio, and must be taken back.
-    """
-    data = campaign(3, ratio=lambda z: 1 / (1 - 1.1 / z), height=0.0)
-    problem = assemble(steep(0.0), data, (), SCATTER, np.array([1.1]))
-    tried = []
-    model = dataclasses.replace(
-        problem.model,
-        evaluate=lambda z, /, *, k: tried.append(float(np.max(k))) or steep(0.0).evaluate(z, k=k),
-    )
-    assert minimum(dataclasses.replace(problem, model=model)) == pytest.approx([1.1], abs=0.01)
-    assert max(tried) > 1.14
 
 
 def minimum(problem, start=None):

@@ -28,18 +28,6 @@ def width(profile, level):
     return getattr(profile.ends, f"hi{level}") - getattr(profile.ends, f"lo{level}")
 
 
-def test_a_well_measured_coefficient_has_a_parabola():
-    found, own = profile("sanchez_cuevas", campaign(3, visits=20), scatter=Noise(relative=0.002))
-    k = own["K_b"]
-    e = found.estimates["K_b"]
-    assert k.rise.min() == 0
-    [sd] = np.sqrt(np.diag(found.covariance))
-    assert k.rise == pytest.approx(((k.value - found.theta[0]) / sd) ** 2, rel=0.05, abs=0.02)
-    assert (k.ends.lo90, k.ends.hi90) == pytest.approx((e.lo90, e.hi90), abs=0.02 * e.u)
-    for level, z in ((68, 0.9945), (90, 1.6449), (95, 1.96)):
-        assert width(k, level) == pytest.approx(2 * z * e.u, rel=0.02)
-
-
 def test_two_coefficients_against_lmfit():
     """The same chi2 profiled by lmfit's `conf_interval`, one fit per step."""
     data = campaign(3, visits=1, ratio=lambda z: 1 + 0.2 * np.exp(-0.5 * z))

@@ -102,11 +102,6 @@ def test_a_gain_that_L_inf_absorbs_leaves_K_b_and_its_uncertainty_unmoved(scope)
         )
 
 
-def test_a_gain_by_distance_is_not_absorbed():
-    data = campaign(3, visits=3)
-    assert u_K_b(data, part("gain", 0.01, "distance")) > 2 * u_K_b(data)
-
-
 @pytest.mark.parametrize("scope", ["sample", "trial"])
 def test_an_independent_component_widens_each_trials_own_variance(scope):
     data = campaign(3, visits=2)

@@ -47,9 +47,3 @@ def test_blocks_of_visits_and_the_recursion_whiten_alike(monkeypatch):
     assert recursion._sparse is None
     assert c.whiten(x) == pytest.approx(recursion.whiten(x), rel=1e-12, abs=1e-12)
     assert c.log_det == pytest.approx(recursion.log_det, rel=1e-12)
-
-
-def test_whitening_broadcasts_over_leading_axes():
-    c = example(1)
-    x = np.random.default_rng(2).normal(size=(3, 5, 23))
-    assert c.whiten(x)[1, 2] == pytest.approx(c.whiten(x[1, 2]))

@@ -16,12 +16,10 @@ from tests.unit.simulated import GEOMETRY, RADIUS, campaign, findings, sanchez_c
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, ManifestError, NotConverged
-from nearlift.fit import deletion
 from nearlift.fit.least_squares import fit
 from nearlift.fit.summary import summary
 from nearlift.likelihood import level_curve
 from nearlift.likelihood.level_curve import with_curve
-from nearlift.likelihood.stations import Stations
 from nearlift.loop import confirmation
 from nearlift.results import Noise, Observations
 from nearlift.results.document import as_json, typed
@@ -70,40 +68,6 @@ def test_a_curve_through_every_throttle_is_the_free_levels() -> None:
     for t, level in free.levels.items():
         assert curve.levels[t].value == pytest.approx(level.value, rel=1e-8)
         assert curve.levels[t].u == pytest.approx(level.u, rel=1e-6)
-
-
-def test_what_follows_from_the_levels_agrees_too() -> None:
-    data = campaign(2)
-    free = fit(BASE, data, scatter=KNOWN)
-    curve = fit(BASE, with_curve(data, ["throttle"], 3), scatter=KNOWN)
-    for one, other in zip(
-        deletion.influence(free).of_visit, deletion.influence(curve).of_visit, strict=True
-    ):
-        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-10)
-    theta = np.array([[1.5], [2.0], [2.5]])
-    np.testing.assert_allclose(
-        Stations.from_problem(curve.problem).log_levels(theta),
-        Stations.from_problem(free.problem).log_levels(theta),
-        atol=1e-9,
-    )
-    np.testing.assert_allclose(
-        Stations.from_problem(curve.problem).chi2(theta),
-        Stations.from_problem(free.problem).chi2(theta),
-        rtol=1e-8,
-    )
-
-
-@pytest.mark.nightly
-def test_the_loop_says_the_same_of_both() -> None:
-    def gain(known: dict[str, np.ndarray]) -> np.ndarray:
-        return (known["supply_V"] / 3.8) ** 1.5
-
-    data = campaign(5, gain=gain)
-    one, other = (findings(d, BASE) for d in (data, with_curve(data, ["throttle"], 3)))
-    assert [e["name"] for e in one["effects"]] == [e["name"] for e in other["effects"]]
-    assert one["effects"][0]["name"] == "supply_sag"
-    a, b = (f["coefficients"]["after"]["K_b"]["value"] for f in (one, other))
-    assert a == pytest.approx(b, abs=0.02)
 
 
 # ---- where none repeats

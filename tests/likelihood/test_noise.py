@@ -48,25 +48,6 @@ def estimate(data: Observations, **how) -> Noise:
     )[0]
 
 
-def test_what_a_model_may_lack_has_no_scale():
-    """Curves a million times smaller are the same curves."""
-    data = campaign(7)
-    problem = Likelihood(
-        model=MODEL,
-        data=data,
-        covariance=noise.trial_covariance(data, Noise(relative=0.01), np.zeros(data.n)),
-    )
-    mean = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(THETA)])
-    target = np.log(data.lift_N) - problem.log_ratio(THETA)
-    curves, _ = noise.saturated_mean_columns(data)
-    one, other = (
-        noise.estimate(data, target, mean, [scale * c for c in curves], problem.height_slope(THETA))
-        for scale in (1.0, 1e-6)
-    )
-    assert other[0].relative == pytest.approx(one[0].relative, rel=1e-6)
-    assert other[0].dof == pytest.approx(one[0].dof, rel=1e-6)
-
-
 def test_too_many_cells_have_smooth_curves_for_each_throttle():
     """Where hardly a cell repeats: half waves of nearness, free to differ between throttles."""
     data = campaign(7)
@@ -130,7 +111,7 @@ def test_the_likelihood_and_its_slope_are_those_of_the_dense_calculation():
         0.01 * rng.standard_normal(data.n),
     )
     slope = height_slope(MODEL, data, VALUES)
-    model = variance_components.VarianceComponents.from_trials(data, slope, unknown, 5, 0.0)
+    model = variance_components.VarianceComponents(data, slope, unknown, 5, 0.0)
     assert list(model.priors) == [
         "relative",
         "force_N",
@@ -164,9 +145,7 @@ def test_what_others_say_of_a_trial_is_what_leaving_it_out_says():
     rng = np.random.default_rng(3)
     mean, y = np.eye(len(data.levels))[data.level], 0.01 * rng.standard_normal(data.n)
     slope = height_slope(MODEL, data, VALUES)
-    model = variance_components.VarianceComponents.from_trials(
-        data, slope, mean, len(data.levels), 0.0
-    )
+    model = variance_components.VarianceComponents(data, slope, mean, len(data.levels), 0.0)
     x = np.log([0.004, 3e-4, 2e-4, 0.001, 0.002, 0.003][: len(model.priors)])
     found = model.at(x, y[model.order])
     sizes = np.exp(x) * np.array([1, np.median(data.lift_N), 1, 1, 1, 1])[: len(x)]
@@ -232,14 +211,6 @@ def test_a_drift_is_found_whatever_its_length(trials):
     # to 7 to 25 %
     assert np.sqrt(np.mean(squares)) == pytest.approx(0.006, rel=0.3)
     assert np.sqrt(np.mean(whole)) == pytest.approx(np.hypot(0.003, 0.006), rel=0.2)
-
-
-def test_what_is_absent_is_small_and_never_nothing():
-    told = estimate(quiet(campaign(4, visits=20, relative=0.004, force=0.0, height=0.0)))
-    assert 0 < told.common < 1e-3
-    assert 0 < np.sqrt(np.sum(np.square(told.drift))) < 1.5e-3
-    assert 0 < told.height_m < 3e-4
-    assert told.relative == pytest.approx(0.004, rel=0.15)
 
 
 def test_few_visits_do_not_make_heights_scatter():
@@ -313,13 +284,12 @@ def test_no_trial_decides_between_two_modes():
 
 
 def test_two_ways_to_one_mode_count_once():
-    model = variance_components.VarianceComponents.from_trials(
+    model = variance_components.VarianceComponents(
         quiet(campaign(4)), np.zeros(400), np.ones((400, 1)), 1, 0.0
     )
     y = np.random.default_rng(1).normal(0, 0.004, 400)
     far = np.full(len(model.priors), -5.0)
-    (mode,) = model.modes([far, far - 1.0], y, noise.LAST_STEP)
-    assert mode.weight == 1.0
+    assert model.modes([far, far - 1.0], y, noise.LAST_STEP)[1] == [1.0]
 
 
 def test_trials_whose_order_nobody_knows_have_no_drift_and_may_stand_in_any():
@@ -346,9 +316,8 @@ def test_trials_that_share_no_visit_have_nothing_in_common():
     assert "common" not in told.sizes
 
 
-@pytest.mark.parametrize("factor", [0.3, 3.0])
-def test_priors_are_weak(factor, monkeypatch):
-    """Three times as wide or as narrow, they move u of a coefficient by less than a fifth where 40
+def test_priors_are_weak(monkeypatch):
+    """Three times as narrow, they move u of a coefficient by less than a fifth where 40
     visits tell.
     """
     data = campaign(4, visits=4)
@@ -356,12 +325,12 @@ def test_priors_are_weak(factor, monkeypatch):
     monkeypatch.setattr(
         variance_components,
         "PRIORS",
-        {name: (factor * scale, nu) for name, (scale, nu) in variance_components.PRIORS.items()},
+        {name: (0.3 * scale, nu) for name, (scale, nu) in variance_components.PRIORS.items()},
     )
     monkeypatch.setattr(
         variance_components,
         "DRIFT_PRIORS",
-        tuple((factor * scale, nu) for scale, nu in variance_components.DRIFT_PRIORS),
+        tuple((0.3 * scale, nu) for scale, nu in variance_components.DRIFT_PRIORS),
     )
     assert least_squares.fit(MODEL, data).estimates["K_b"].u == pytest.approx(usual, rel=0.2)
 

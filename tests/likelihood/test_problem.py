@@ -96,14 +96,6 @@ def test_order_of_visits_does_not_matter(seed):
     assert levels(other, theta) == pytest.approx(levels(one, theta), abs=1e-12)
 
 
-def test_many_parameter_vectors_at_once_give_what_each_gives_alone():
-    p = problem(FREE, theta=(2.0, 1.0))
-    many = np.array([[2.0, 1.0], [1.2, 0.9], [0.4, 1.5]])
-    assert p.log_ratio(many).shape == (3, p.data.n)
-    assert p.chi2(many) == pytest.approx([float(p.chi2(t)) for t in many])
-    assert p.log_likelihood(many) == pytest.approx([float(p.log_likelihood(t)) for t in many])
-
-
 def test_jacobian_is_the_derivative_worked_out_by_hand():
     """d log ratio / d K_b = ratio times the body term's coefficient, from the formula and not from
     the library.
@@ -145,18 +137,6 @@ def test_height_slope_is_per_metre_and_nothing_in_free_air():
     ) / (2 * step_m)
     assert slope[~far] == pytest.approx(by_hand, rel=1e-5)
     assert (slope[far] == 0).all()
-
-
-def test_height_slope_at_an_offset_is_that_of_stations_moved_so_far():
-    data, offset_m, step_m = campaign(3, visits=2), 2e-3, 1e-6
-    near = data.z_hat + offset_m / RADIUS
-    by_hand = (
-        np.log(sanchez_cuevas(near + step_m / RADIUS))
-        - np.log(sanchez_cuevas(near - step_m / RADIUS))
-    ) / (2 * step_m)
-    assert dataclasses.replace(problem(data=data), offset_m=offset_m).height_slope(
-        np.array([2.0])
-    ) == pytest.approx(by_hand, rel=1e-5)
 
 
 def test_where_a_model_has_no_value_chi2_is_infinite():

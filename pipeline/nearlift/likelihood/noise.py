@@ -134,7 +134,8 @@ def estimate(
         The trials' variances are too different in size for floating-point arithmetic.
     """
     mean = orthonormal(mean)
-    rms = float(np.sqrt(np.mean((log_lift - mean @ (mean.T @ log_lift)) ** 2)))
+    left = log_lift - mean @ (mean.T @ log_lift)
+    rms = float(np.sqrt(np.mean(left**2)))
     generous = max(STRUCTURE, rms)
     unknown = [np.zeros((data.n, 0)) if shared is None else shared]
     unknown += [
@@ -142,18 +143,13 @@ def estimate(
         for s in structure
         if (norm := float(np.linalg.norm(s))) > 0
     ]
-    model = VarianceComponents.from_trials(
-        data, slope, np.hstack([mean, _condensed(np.hstack(unknown))]), mean.shape[1], extra
-    )
+    columns = np.hstack([mean, _condensed(np.hstack(unknown))])
+    model = VarianceComponents(data, slope, columns, mean.shape[1], extra)
     typical_N = float(np.median(data.lift_N))
     unit = np.array([typical_N if name == "force_N" else 1.0 for name in model.priors])
     if start is None or not start.modes or start.sizes != tuple(model.priors):
         # neighbours differ by their noise whatever the model lacks
-        near = (
-            float(np.median(np.abs(np.diff(log_lift - mean @ (mean.T @ log_lift)))))
-            if data.n > 1
-            else rms
-        )
+        near = float(np.median(np.abs(np.diff(left)))) if data.n > 1 else rms
         usual = np.log(
             [
                 max(min(0.7 * rms, near), 1e-7) if name == "relative" else scale
@@ -166,28 +162,25 @@ def estimate(
             usual + np.log([FAR if name in far else 1.0 for name in model.priors])
             for far in ((), ("height_m",), ("drift0", "drift1"))
         ]
-        starts = [mode.x for mode in model.modes(starts, log_lift, ROUGH_STEP)]
+        starts = [mode.x for mode in model.modes(starts, log_lift, ROUGH_STEP)[0]]
     else:
         starts = [np.array(x) for x in start.modes]
     y = log_lift
     for _ in range(PASSES):
-        modes = model.modes(starts, y, ROUGH_STEP)
+        modes, weight = model.modes(starts, y, ROUGH_STEP)
         starts = [mode.x for mode in modes]
-        y = np.sum([mode.weight * winsorise(y, mode.at) for mode in modes], axis=0)
-    modes = model.modes(starts, y, LAST_STEP, MODE_DEVIANCE)
-    starts = [mode.x for mode in modes]
-    weight, squares = np.array([m.weight for m in modes]), np.exp(2 * np.array(starts))
+        y = weight @ np.array([winsorise(y, mode) for mode in modes])
+    modes, weight = model.modes(starts, y, LAST_STEP, MODE_DEVIANCE)
+    squares = np.exp(2 * np.array([mode.x for mode in modes]))
     size2 = weight @ squares
     # half the relative change of a square is that of its logarithm
-    within = [
-        np.linalg.inv(mode.at.curvature) * np.outer(one, one)
-        for mode, one in zip(modes, squares / size2, strict=True)
-    ]
     apart = (squares / size2 - 1) / 2
-    spread = np.einsum("k,kij->ij", weight, within) + apart.T @ (weight[:, None] * apart)
+    spread = apart.T @ (weight[:, None] * apart)
+    for mode, share, one in zip(modes, weight, squares / size2, strict=True):
+        spread += share * np.linalg.inv(mode.curvature) * np.outer(one, one)
     # of the variance of a trial like the others, of which its own record or a published standard
     # deviation determines a part
-    parts = size2 * np.stack(model.diagonals, axis=1)
+    parts = size2 * model.diagonals
     whole = model.known_variance + parts.sum(axis=1)
     dof = float(np.median(whole**2 / (2 * np.einsum("ij,jk,ik->i", parts, spread, parts))))
     sizes = dict(zip(model.priors, np.sqrt(size2) * unit, strict=True))
@@ -197,8 +190,8 @@ def estimate(
         source=f"{source} ({f'{dof:.0f}' if dof < ENDLESS else 'infinite'} degrees of freedom)",
         dof=dof,
         sizes=tuple(model.priors),
-        log_covariance=tuple(tuple(float(v) for v in row) for row in spread),
-        modes=tuple(tuple(float(v) for v in x) for x in starts),
+        log_covariance=tuple(tuple(row) for row in spread.tolist()),
+        modes=tuple(tuple(mode.x.tolist()) for mode in modes),
     )
     return noise, y
 

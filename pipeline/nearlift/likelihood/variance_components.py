@@ -12,7 +12,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.likelihood import semiseparable
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
-from nearlift.results import IntArray, Observations
+from nearlift.results import Observations
 
 #: Correlation lengths of the drifts, in trials, a factor of four apart. A drift is estimated if a
 #: boundary has four times as many trials (docs/decisions.md#one-noise-likelihood).
@@ -70,12 +70,13 @@ def ages(data: Observations) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizesAt:
-    """The penalised restricted likelihood at given sizes.
+    """The penalised restricted likelihood at the sizes whose logarithms are `x`.
 
     `weighed` is P y, and `precision` P's diagonal, infinite where the other trials do not say what
     a trial should be; (n,).
     """
 
+    x: FloatArray
     deviance: float
     gradient: FloatArray
     curvature: FloatArray
@@ -83,51 +84,46 @@ class SizesAt:
     precision: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mode:
-    """Likeliest sizes `x`, as logarithms, and the posterior's share around them."""
-
-    x: FloatArray
-    at: SizesAt
-    weight: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class VarianceComponents:
-    """A covariance linear in the squares of its sizes: `known_variance` + sum of size^2 times a
+    """The components of covariance that trials can show: known variance + sum of size^2 times a
     diagonal, or times what trials pass on.
 
-    `unknown` (n, q + k) are columns of the mean (q, free) and of structure (k, unit variance).
+    Parameters
+    ----------
+    slope : (n,)
+        d log ratio / dz, which carries a visit's height error.
+    unknown : (n, q + k)
+        Columns of the mean (q, free) and of structure (k, unit variance).
+    free : int
+        q.
+    extra : (n,)
+        Variance stated besides that within records.
+
+    Attributes
+    ----------
+    priors : dict of (float, float)
+        Scale and degrees of freedom of each size's prior.
+    diagonals : (n, sizes)
+        Variance of each trial by a component of unit size.
     """
 
-    priors: dict[str, tuple[float, float]]
-    known_variance: FloatArray
-    diagonals: list[FloatArray]
-    amplitude: FloatArray
-    memory: FloatArray
-    order: IntArray
-    unknown: FloatArray
-    free: int
-
-    @classmethod
-    def from_trials(
-        cls,
+    def __init__(
+        self,
         data: Observations,
         slope: FloatArray,
         unknown: FloatArray,
         free: int,
         extra: FloatArray | float,
-    ) -> VarianceComponents:
-        """The components that these trials can show."""
-        priors = {name: PRIORS[name] for name in ("relative", "force_N")}
-        per_visit, common, drifts = np.zeros(data.n), 0.0, 0
+    ) -> None:
+        self.priors = {name: PRIORS[name] for name in ("relative", "force_N")}
+        per_visit, common, drifts, visits = np.zeros(data.n), 0.0, 0, len(np.unique(data.visit))
         if np.any(slope):
-            priors["height_m"], per_visit = PRIORS["height_m"], slope
-        if len(np.unique(data.visit)) < data.n:
-            priors["common"], common = PRIORS["common"], 1.0
-        if data.ordered and len(np.unique(data.visit)) >= MIN_REVISITS:
+            self.priors["height_m"], per_visit = PRIORS["height_m"], slope
+        if visits < data.n:
+            self.priors["common"], common = PRIORS["common"], 1.0
+        if data.ordered and visits >= MIN_REVISITS:
             drifts = sum(length <= data.n / 4 for length in DRIFT_LENGTHS)
-            priors |= {f"drift{k}": DRIFT_PRIORS[k] for k in range(drifts)}
+            self.priors |= {f"drift{k}": DRIFT_PRIORS[k] for k in range(drifts)}
         # of unit sizes: what there is of the rest is set by the sizes
         whole = Covariance(
             variance=np.ones(data.n),
@@ -138,111 +134,84 @@ class VarianceComponents:
             drift=np.ones(drifts),
             age=ages(data)[:, :drifts],
         )
-        amplitude, memory = whole.processes
-        order = whole.order
-        known_variance = np.maximum((data.u_lift_N / data.lift_N) ** 2 + extra, LEAST_VARIANCE)
+        (self.amplitude, self.memory), self.order = whole.processes, whole.order
+        known = np.maximum((data.u_lift_N / data.lift_N) ** 2 + extra, LEAST_VARIANCE)
         # in units of the median lift: no lift is too small for a square
         force = (np.median(data.lift_N) / data.lift_N) ** 2
-        return cls(
-            priors=priors,
-            known_variance=known_variance[order],
-            diagonals=[np.ones(data.n), force[order], *(amplitude**2).T],
-            amplitude=amplitude,
-            memory=memory,
-            order=order,
-            unknown=np.ascontiguousarray(unknown[order]),
-            free=free,
-        )
+        self.known_variance = known[self.order]
+        self.diagonals = np.column_stack([np.ones(data.n), force[self.order], self.amplitude**2])
+        self.unknown, self.free = np.ascontiguousarray(unknown[self.order]), free
+        scale, self.prior_dof = np.array(list(self.priors.values())).T
+        self.prior_scale2 = self.prior_dof * scale**2
 
     def at(self, x: FloatArray, y: FloatArray) -> SizesAt:
         """Minus twice the log posterior of the sizes (up to a constant), its gradient and curvature
         in their logarithms; y in `order`.
+
+        Raises
+        ------
+        NotConverged
+            The trials' variances are too different in size for floating-point arithmetic.
         """
-        size2 = np.exp(2 * x)
-        variance = self.known_variance + size2[0] * self.diagonals[0] + size2[1] * self.diagonals[1]
+        from scipy.linalg import solve_triangular
+
+        size2, nu = np.exp(2 * x), self.prior_dof
+        variance = self.known_variance + self.diagonals[:, :2] @ size2[:2]
         amplitude = np.ascontiguousarray(self.amplitude * np.sqrt(size2[2:]))
         d, w = semiseparable.factor(variance, amplitude, self.memory)
         parts = (d, w, amplitude, self.memory)
-        both = semiseparable.forward(
-            *parts, np.ascontiguousarray(np.column_stack([self.unknown, y]))
-        )
+        both = semiseparable.forward(*parts, np.column_stack([self.unknown, y]))
         white, y_white = np.ascontiguousarray(both[:, :-1]), both[:, -1]
         information = white.T @ white
-        information[
-            np.arange(self.free, len(information)), np.arange(self.free, len(information))
-        ] += 1.0
+        information += np.diag(np.arange(len(information)) >= self.free)
         try:
             triangle = np.linalg.cholesky(information)
         except np.linalg.LinAlgError as fault:
-            what = (
-                "the variances of trials differ by a factor of"
-                f" {variance.max() / variance.min():.0e} and more: some trials count for"
-                " nothing"
-            )
             raise NotConverged(
                 "noise floor",
-                what,
+                "the variances of trials differ by a factor of"
+                f" {variance.max() / variance.min():.0e} and more: some trials count for nothing",
                 "look for lifts in another unit, near zero, or with a wrong standard error",
             ) from fault
-        from scipy.linalg import solve_triangular
-
-        explained = solve_triangular(triangle, white.T @ y_white, lower=True, check_finite=False)
+        u = solve_triangular(triangle, white.T, lower=True, check_finite=False)
+        explained = u @ y_white
         value = float(
             np.log(d).sum()
             + 2 * np.log(np.diag(triangle)).sum()
             + y_white @ y_white
             - explained @ explained
+            + np.sum((nu + 1) * np.log1p(size2 / self.prior_scale2) - 2 * x)
         )
-        scale2, nu = (
-            np.array(v) for v in zip(*((s**2, nu) for s, nu in self.priors.values()), strict=True)
-        )
-        share = size2 / (nu * scale2 + size2)
-        value += float(np.sum((nu + 1) * np.log1p(size2 / (nu * scale2)) - 2 * x))
-        u = solve_triangular(triangle, white.T, lower=True, check_finite=False)
-        weighed_white = y_white - explained @ u
-        back = semiseparable.backward(
-            *parts, np.ascontiguousarray(np.column_stack([u.T, weighed_white]))
-        )
+        both = np.ascontiguousarray(np.column_stack([u.T, y_white - explained @ u]))
+        back = semiseparable.backward(*parts, both)
         taken, weighed = np.ascontiguousarray(back[:, :-1]), np.ascontiguousarray(back[:, -1])
         precision, log_det_slopes = semiseparable.log_det_slopes(*parts)
-        count = len(x)
-        left = np.sum(taken**2, axis=1)
-        trace = np.empty(count)
-        trace[:2] = [diagonal @ (precision - left) for diagonal in self.diagonals[:2]]
-        trace[2:] = log_det_slopes / (2 * size2[2:]) - semiseparable.squares(
-            self.amplitude, self.memory, taken
-        )
-        acted = np.empty((len(d), count))
-        for i in range(2):
-            acted[:, i] = self.diagonals[i] * weighed
-        for i in range(2, count):
-            one, memory = (
-                np.ascontiguousarray(each[:, i - 2 : i - 1])
-                for each in (self.amplitude, self.memory)
-            )
-            acted[:, i] = semiseparable.product(one, memory, weighed[:, None])[:, 0]
-        quadratic = weighed @ acted
-        of_acted = semiseparable.forward(*parts, np.ascontiguousarray(acted))
+        left = precision - np.sum(taken**2, axis=1)
+        squares = semiseparable.squares(self.amplitude, self.memory, taken)
+        trace = np.r_[left @ self.diagonals[:, :2], log_det_slopes / (2 * size2[2:]) - squares]
+        acted = self.diagonals * weighed[:, None]
+        for i in range(len(size2) - 2):
+            one = [np.ascontiguousarray(a[:, i : i + 1]) for a in (self.amplitude, self.memory)]
+            acted[:, i + 2] = semiseparable.product(*one, weighed[:, None])[:, 0]
+        of_acted = semiseparable.forward(*parts, acted)
         along = u @ of_acted
-        average = 0.5 * (of_acted.T @ of_acted - along.T @ along)
-        slope = size2 * (trace - quadratic)
-        # twice: by the logarithm of a size, of minus twice the logarithm
-        gradient = 2 * slope + 2 * ((nu + 1) * share - 1)
-        curvature = 2 * (4 * np.outer(size2, size2) * average)
-        prior = 4 * (nu + 1) * share * (1 - share)
+        slope = size2 * (trace - weighed @ acted)
+        share = size2 / (self.prior_scale2 + size2)
+        curvature = 2 * np.outer(size2, size2) * (of_acted.T @ of_acted - along.T @ along)
         # below its likeliest size the likelihood is flat, and above it as steep as its gradient
         # says
-        curvature[np.diag_indices(count)] += prior + 2 * np.maximum(2 * slope, 0)
-        left = np.where(precision - left > DETERMINED * precision, precision - left, np.inf)
+        curvature += np.diag(2 * (nu + 1) * share * (1 - share) + np.maximum(2 * slope, 0))
         return SizesAt(
+            x=x,
             deviance=value,
-            gradient=gradient,
-            curvature=0.5 * curvature,
+            # twice: by the logarithm of a size, of minus twice the logarithm
+            gradient=2 * slope + 2 * ((nu + 1) * share - 1),
+            curvature=curvature,
             weighed=weighed,
-            precision=left,
+            precision=np.where(left > DETERMINED * precision, left, np.inf),
         )
 
-    def maximise(self, x: FloatArray, y: FloatArray, last: float) -> tuple[FloatArray, SizesAt]:
+    def maximise(self, x: FloatArray, y: FloatArray, last: float) -> SizesAt:
         """Most probable sizes for the data `y`, by average-information steps from `x` until one is
         smaller than `last`.
         """
@@ -252,34 +221,32 @@ class VarianceComponents:
             step = -np.linalg.solve(here.curvature, here.gradient) / 2
             step *= min(1.0, 2.0 / np.abs(step).max())
             for _ in range(12):
-                there = self.at(x + step, y)
+                there = self.at(here.x + step, y)
                 if there.deviance <= here.deviance + 1e-9 * abs(here.deviance):
                     break
                 step = step / 2
-            x, here = x + step, there
+            here = there
             if np.abs(step).max() < last:
                 break
         back = np.argsort(self.order)
-        return x, replace(here, weighed=here.weighed[back], precision=here.precision[back])
+        return replace(here, weighed=here.weighed[back], precision=here.precision[back])
 
     def modes(
         self, starts: list[FloatArray], y: FloatArray, last: float, beyond: float = np.inf
-    ) -> list[Mode]:
-        """The modes that the search from each of `starts` finds, the likeliest first, weighed by
-        Laplace's approximation; none whose deviance exceeds the least by `beyond`.
+    ) -> tuple[list[SizesAt], FloatArray]:
+        """The modes that the search from each of `starts` finds, the likeliest first, and their
+        weights by Laplace's approximation; none whose deviance exceeds the least by `beyond`.
         """
-        ends = sorted((self.maximise(x, y, last) for x in starts), key=lambda end: end[1].deviance)
+        ends = sorted((self.maximise(x, y, last) for x in starts), key=lambda end: end.deviance)
         kept = ends[:1]
-        for x, at in ends[1:]:
-            other = all((x - z) @ known.curvature @ (x - z) > 1 for z, known in kept)
-            if other and at.deviance - ends[0][1].deviance < beyond:
-                kept.append((x, at))
-        mass = np.array([-at.deviance - np.linalg.slogdet(at.curvature)[1] for _, at in kept]) / 2
+        for end in ends[1:]:
+            off = [end.x - known.x for known in kept]
+            other = all(z @ known.curvature @ z > 1 for z, known in zip(off, kept, strict=True))
+            if other and end.deviance - ends[0].deviance < beyond:
+                kept.append(end)
+        mass = -np.array([m.deviance + np.linalg.slogdet(m.curvature)[1] for m in kept]) / 2
         weight = np.exp(mass - mass.max())
-        return [
-            Mode(x=x, at=at, weight=float(w))
-            for (x, at), w in zip(kept, weight / weight.sum(), strict=True)
-        ]
+        return kept, weight / weight.sum()
 
 
 def winsorise(y: FloatArray, at: SizesAt) -> FloatArray:
