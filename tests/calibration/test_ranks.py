@@ -48,7 +48,7 @@ def rank(job):
         true = campaign.truth.scatter
         noise = Noise(**{k: part * getattr(true, k) for k in ("relative", "force_N", "height_m")})
     fitted = fit(replace(model, parameters=(flat,)), campaign.data, scatter=noise)
-    density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
+    density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.effective.min())
     drawn = posterior.sample(density, seed, boundary, ess=1000, chain=False).theta.ravel()
     truth = campaign.truth.theta[parameter.name]
     low, high = np.quantile(drawn, [0.05, 0.95])

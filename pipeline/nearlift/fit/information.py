@@ -431,14 +431,12 @@ def _variance(covariance: FloatArray, i: int, members: slice) -> Callable[[float
 
 def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: float) -> Remedy:
     """Effect of a measurement of another quantity on the uncertainty of coefficient i."""
-    variance = _variance(covariance, i, other.members)
+    variance, members = _variance(covariance, i, other.members), other.members
     whole, best = variance(0.0), max(variance(EXACT), 0.0)
-    u, u_best = scale * whole**0.5, scale * best**0.5
-    r = (1 - best / whole) ** 0.5
+    u, u_best, r = scale * whole**0.5, scale * best**0.5, (1 - best / whole) ** 0.5
     correlated, needed = f"multiple r = {r:.2f}", float("nan")
-    if other.members.stop - other.members.start == 1:
-        r = float(np.copysign(r, covariance[i, other.members.start]))
-        correlated = f"r = {signed(r, 2)}"
+    if members.stop - members.start == 1:
+        correlated = f"r = {signed(float(np.copysign(r, covariance[i, members.start])), 2)}"
     effect = (
         f"With exact {other.name}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
     )
@@ -448,7 +446,6 @@ def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: fl
         effect = f"Knowing {other.called} independently to {size} would halve u({who})"
     return Remedy(
         quantity=other.name,
-        r=r,
         needed=needed,
         u=u,
         u_best=u_best,
@@ -497,11 +494,8 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
     known = [i for i, e in enumerate(fit.estimates.values()) if np.isfinite(e.u)]
     names = [fit.names[i] for i in known]
 
-    def add(name: str, other: str, r: float, text: str, u_if_free: float | None = None) -> None:
-        pair = Degeneracy(
-            pair=(name, other), r=r, text=f"{letter(name)} {text}", u_if_free=u_if_free
-        )
-        pairs.append(pair)
+    def add(name: str, other: str, r: float, text: str) -> None:
+        pairs.append(Degeneracy(pair=(name, other), r=r, text=f"{letter(name)} {text}"))
 
     for name in fit.names:
         if name not in names:
@@ -536,7 +530,7 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
                     f" {other}, u({letter(name)}) would be {plain(u, 2)} instead of"
                     f" {plain(fit.estimates[name].u, 2)}, and u({other}) = {size}"
                 )
-                add(name, other, r, text, u)
+                add(name, other, r, text)
     return tuple(pairs)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import height_error, information, inputs
-from nearlift.fit.information import LEAST_DOF, joint_information
+from nearlift.fit.information import joint_information
 from nearlift.fit.solver import solve
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Likelihood, height_slope, usable
@@ -40,8 +40,8 @@ class LeastSquaresFit:
     so chi2 well above `dof` shows a fault of the model, not of the noise. The covariance of the
     likelihood `problem` was assembled from `slope` and `parts`, and is linearised about the height
     error ``problem.offset_m``. `effective` (p,) are each coefficient's effective degrees of
-    freedom, used by its interval and its profile. `lmfit` is lmfit's result where the fit is
-    quoted, for its reports.
+    freedom, at least 1, used by its interval and its profile. `lmfit` is lmfit's result where the
+    fit is quoted, for its reports.
     """
 
     problem: Likelihood
@@ -71,11 +71,6 @@ class LeastSquaresFit:
     def names(self) -> tuple[str, ...]:
         """The free parameters, in the order of `theta`."""
         return self.problem.names
-
-    @property
-    def dof_of_all(self) -> float:
-        """Fewest effective degrees of freedom of any coefficient, at least `LEAST_DOF`."""
-        return max(float(self.effective.min(initial=np.inf)), LEAST_DOF)
 
 
 def assemble(
@@ -237,17 +232,17 @@ def _described(
     lmfit: Any,
 ) -> LeastSquaresFit:
     """Estimates with their intervals by Student's t, and L_inf."""
-    data, parameters = problem.data, problem.model.parameters
-    jacobian = problem.jacobian(theta)
-    joint = joint_information(problem, jacobian)
+    data, joint = problem.data, joint_information(problem, problem.jacobian(theta))
     level_coefficients = problem.best_levels(np.log(data.lift_N) - problem.log_ratio(theta))
     level_covariance = joint.covariance[joint.levels, joint.levels]
     effective, level_dof = (
         information.effective_dof(information.lines(problem, g, parts, scatter, slope), scatter)
         for g in (joint.gain, data.shown(joint.level_gain))
     )
-    width = np.array([q.bounds[1] - q.bounds[0] for q in parameters])
+    low, high = problem.model.bounds
+    width, nearest = high - low, np.minimum(theta - low, high - theta)
     u = np.where(joint.u < VAGUE * width, joint.u, np.inf)
+    at_bound = np.isfinite(width) & (nearest < AT_BOUND * width)
     levels_N = np.exp(data.shown(level_coefficients))
     u_levels = levels_N * np.sqrt(np.diag(problem.shown_covariance(level_covariance)))
     return LeastSquaresFit(
@@ -256,12 +251,20 @@ def _described(
         covariance=joint.parameter_covariance,
         gain=joint.gain,
         estimates={
-            q.name: _estimate(value, sigma, dof, q.unit, q.bounds)
-            for q, value, sigma, dof in zip(parameters, theta, u, effective, strict=True)
+            q.name: Estimate.around(
+                theta[i],
+                u[i],
+                student.quantile(0.95, effective[i]),
+                q.unit,
+                at_bound=bool(at_bound[i]),
+            )
+            for i, q in enumerate(problem.model.parameters)
         },
         levels={
-            float(t): _estimate(value, sigma, dof, "N", (0.0, np.inf))
-            for t, value, sigma, dof in zip(data.levels, levels_N, u_levels, level_dof, strict=True)
+            t: Estimate.around(
+                levels_N[i], u_levels[i], student.quantile(0.95, level_dof[i]), "N", at_bound=False
+            )
+            for i, t in enumerate(data.levels.tolist())
         },
         level_coefficients=level_coefficients,
         level_covariance=level_covariance,
@@ -274,22 +277,4 @@ def _described(
         parts=parts,
         effective=effective,
         lmfit=lmfit,
-    )
-
-
-def _estimate(
-    value: float, u: float, dof: float, unit: str, bounds: tuple[float, float]
-) -> Estimate:
-    """Estimate with its 90 % interval, which its bounds do not cut."""
-    width = bounds[1] - bounds[0]
-    reach = student.quantile(0.95, dof) * u if u > 0 else 0.0
-    return Estimate(
-        value=float(value),
-        u=float(u),
-        lo90=float(value - reach),
-        hi90=float(value + reach),
-        unit=unit,
-        at_bound=bool(
-            np.isfinite(width) and min(value - bounds[0], bounds[1] - value) < AT_BOUND * width
-        ),
     )

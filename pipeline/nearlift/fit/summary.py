@@ -4,7 +4,6 @@ uncertainty, and the posterior.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -150,7 +149,8 @@ def add_posterior(
     data, name = fitted.problem.data, fitted.model.name
     what = f"fit {data.boundary}: posterior of {name}"
     say(what, 0.5)
-    density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
+    dof = float(fitted.effective.min(initial=np.inf))
+    density = Density(problem=fitted.problem, centre=fitted.theta, dof=dof)
     try:
         drawn = sample(
             density,
@@ -175,14 +175,12 @@ def add_posterior(
         prior = density.priors[i]
         ratio, words = compare_with_prior(prior, draws.ravel())
         before, parameter = prior.quantile([0.05, 0.95]).tolist(), prior.parameter
-        # without degrees of freedom the draws know only what trials of one visit do not share
-        known = bool(fitted.effective[i])
         parameters[n] = PosteriorParameter(
             value=mean,
             u=sd,
             median=median,
-            lo90=low if known else -math.inf,
-            hi90=high if known else math.inf,
+            lo90=low,
+            hi90=high,
             unit=parameter.unit,
             ess=drawn.ess[i],
             ess_tail=drawn.ess_tail[i],

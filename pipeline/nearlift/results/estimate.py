@@ -40,12 +40,10 @@ class Estimate:
     warning: IfAny[str] = None
 
     @classmethod
-    def around(cls, value: float, u: float, quantile: float, **more: Any) -> Self:
-        """An estimate without dimension, its 90 % interval `quantile` standard uncertainties to
-        either side.
-        """
+    def around(cls, value: float, u: float, quantile: float, unit: str = "1", **more: Any) -> Self:
+        """An estimate, its 90 % interval `quantile` standard uncertainties to either side."""
         low, high = float(value - quantile * u), float(value + quantile * u)
-        return cls(value=float(value), u=float(u), unit="1", lo90=low, hi90=high, **more)
+        return cls(value=float(value), u=float(u), unit=unit, lo90=low, hi90=high, **more)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

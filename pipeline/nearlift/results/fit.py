@@ -95,14 +95,11 @@ class LevelFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Degeneracy:
-    """Two confounded quantities; `u_if_free` is the coefficient's uncertainty if the second were
-    unknown.
-    """
+    """Two confounded quantities, and their correlation."""
 
     pair: tuple[str, str]
     r: Real
     text: str
-    u_if_free: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,14 +129,12 @@ class ProfileIntervals:
 class Remedy:
     """Gain of a coefficient from independent knowledge of one quantity, or of each of a kind.
 
-    `r` is the correlation of the two; of several of a kind, the multiple correlation, without a
-    sign. `needed` is the standard uncertainty of the quantity, in `unit`, that would halve the
-    coefficient's; nan if even an exact one would not. `u` and `u_best` are the coefficient's now,
+    `needed` is the standard uncertainty of the quantity, in `unit`, that would halve the
+    coefficient's, nan if even an exact one would not. `u` and `u_best` are the coefficient's now,
     and with the quantity known exactly.
     """
 
     quantity: str
-    r: Real
     needed: Real
     u: Real
     u_best: Real
