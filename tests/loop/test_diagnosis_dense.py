@@ -2,15 +2,15 @@
 decisions against truth tables.
 """
 
-import dataclasses
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.stats import chi2, t
-from tests.unit.simulated import campaign, restated
+from tests.unit.simulated import GROUND, campaign, restated
 
 from nearlift import catalogue
 from nearlift.loop import (
@@ -32,7 +32,6 @@ from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.search_problem import Options
 from nearlift.results.diagnosis import FORM_SD
 
-GROUND = catalogue.model("sanchez_cuevas")
 NAMES = ("supply_sag", "session_gain", "warm_up", "zero_offset", "near_wall_saturation")
 EFFECTS = tuple(e for e in catalogue.effects() if e.name in NAMES)
 
@@ -128,7 +127,7 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
     asked_by_priors = set()
     for e in tried.values():
         # the uncertainty of an inexact form is doubled once it is accepted
-        e = dataclasses.replace(e, form_sd=FORM_SD)
+        e = replace(e, form_sd=FORM_SD)
         rest, slopes, mean, sd, own, session, held = linearised(stage, e.fitted)
         logs = []
         for reading, form_discrepancy in readings(stage, e):
@@ -315,7 +314,7 @@ def of_left(e, present):
         p_value=0.01,
         threshold=-4.0 if present else -6.0,
     )
-    return dataclasses.replace(e, left=left)
+    return replace(e, left=left)
 
 
 DOUBTS = list(itertools.product([False, True], [-1.0, 1.0, 3.0], [False, True], [False, True]))
@@ -331,7 +330,7 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
     for present, over_none, at_bound, needed in DOUBTS:
         vector = candidate.null.copy()
         vector[candidate.sizes()] = candidate.bounds[1][candidate.sizes()] if at_bound else 1e-3
-        fitted = dataclasses.replace(tried["supply_sag"].fitted, candidate=candidate, vector=vector)
+        fitted = replace(tried["supply_sag"].fitted, candidate=candidate, vector=vector)
         assert fitted.at_bound == at_bound
         given = {"fitted": fitted, "over_none": over_none, "needed": needed}
         e = restated(of_left(tried["supply_sag"], present), confirmed=None, **given)
@@ -339,7 +338,7 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
         rival = over_none > 0 and not at_bound and (needed or len(names) == 1)
         assert e.may_be_named == rival
         for confirmed in (False, True):
-            judged = dataclasses.replace(e, confirmed=confirmed)
+            judged = replace(e, confirmed=confirmed)
             assert judged.accepted == (confirmed and needed and not at_bound)
             assert judged.may_be_named == (judged.accepted or rival)
 
@@ -477,30 +476,36 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     assert unnamed @ unnamed.T == pytest.approx(total, rel=1e-4, abs=1e-6 * np.abs(total).max())
 
 
+def unidentifiable(slope, **columns):
+    """What is said of a coefficient with this slope on a schedule of unit noise; whitened rows go
+    visit by visit, trials as they were run.
+    """
+    n = len(slope)
+    run = np.random.default_rng(5).permutation(n)
+    usual = {"z_hat": np.arange(float(n)), "visit": np.arange(n), "session": np.zeros(n, dtype=int)}
+    data = SimpleNamespace(ordered=True, **{k: v[run] for k, v in (usual | columns).items()})
+    order = np.argsort(run)
+    space = SimpleNamespace(
+        project=lambda x: x[..., order], covariance=SimpleNamespace(order=order)
+    )
+    planned = SimpleNamespace(
+        theta=np.zeros(1), base=GROUND, data=data, as_recorded=data, space=space
+    )
+    jacobian = SimpleNamespace(jacobian=np.asarray(slope)[:, None])
+    return limits.unidentifiable_coefficients(planned, jacobian)
+
+
 @pytest.mark.parametrize(
     ("share", "visits"), list(itertools.product([0.9, 0.51, 0.49, 0.1], [1, 2]))
 )
-def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(stage, share, visits):
+def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(share, visits):
     """`share` of the slope's energy at one distance, which one or two visits hold; the rest spread
-    over the other visits. Whitened rows stand visit by visit, trials as they were run.
+    over the other visits.
     """
     z = np.array([1.1, 1.1, *np.linspace(2, 9, 18)])
     visit = np.array([0, 0 if visits == 1 else 1, *range(2, 20)])
     slope = np.where(z == 1.1, np.sqrt(share / 2), np.sqrt((1 - share) / 18))
-    run = np.random.default_rng(5).permutation(20)
-    data = SimpleNamespace(
-        z_hat=z[run], visit=visit[run], session=np.zeros(20, dtype=int), ordered=True
-    )
-    planned = SimpleNamespace(
-        theta=np.zeros(1),
-        base=GROUND,
-        data=data,
-        as_recorded=data,
-        space=SimpleNamespace(
-            project=lambda x: x, covariance=SimpleNamespace(order=np.argsort(run))
-        ),
-    )
-    found = limits.unidentifiable_coefficients(planned, SimpleNamespace(jacobian=slope[:, None]))
+    found = unidentifiable(slope, z_hat=z, visit=visit)
     assert [f.coefficient for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
     if found:
         assert found[0].share == pytest.approx(share)
@@ -516,23 +521,10 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
     """A slope that is level within each session but for a share `beside`^2 / (1 + `beside`^2) of
     its energy.
     """
-    session = np.repeat(np.arange(4), 10) if sessions == 4 else np.zeros(40, dtype=int)
-    across, within = (
-        np.repeat([3.0, 1.0, -1.0, -3.0], 10) / np.sqrt(200),
-        np.tile([1.0, -1.0], 20) / np.sqrt(40),
-    )
-    slope = across + beside * within
-    data = SimpleNamespace(
-        z_hat=np.arange(40.0), visit=np.arange(40), session=session, ordered=True
-    )
-    planned = SimpleNamespace(
-        theta=np.zeros(1),
-        base=GROUND,
-        data=data,
-        as_recorded=data,
-        space=SimpleNamespace(project=lambda x: x, covariance=SimpleNamespace(order=np.arange(40))),
-    )
-    found = limits.unidentifiable_coefficients(planned, SimpleNamespace(jacobian=slope[:, None]))
+    session = np.repeat(np.arange(4) * (sessions == 4), 10)
+    across = np.repeat([3.0, 1.0, -1.0, -3.0], 10) / np.sqrt(200)
+    within = np.tile([1.0, -1.0], 20) / np.sqrt(40)
+    found = unidentifiable(across + beside * within, session=session)
     assert [f.absorbed_by for f in found] == (["session_gain"] if said else [])
     if said:
         assert found[0].share == pytest.approx(beside**2 / (1 + beside**2))
@@ -564,8 +556,8 @@ def test_a_throttle_that_only_a_fold_has_cannot_be_predicted(stage):
     """
     data = stage.data
     odd = data.visit == 4
-    data = dataclasses.replace(data, throttle=np.where(odd, data.throttle + 1e-3, data.throttle))
-    moved = dataclasses.replace(stage, data=data)
+    data = replace(data, throttle=np.where(odd, data.throttle + 1e-3, data.throttle))
+    moved = replace(stage, data=data)
 
     def blind(part):
         return search.Answer(
@@ -603,7 +595,7 @@ def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):
     """Gains of visits with mean m and standard deviation 1: their sum stands beyond sqrt(visits) of
     them from m = 1 / sqrt(visits) on.
     """
-    apart = dataclasses.replace(stage, independent=True)
+    apart = replace(stage, independent=True)
     sd = np.sqrt(np.diag(apart.space.covariance.dense()))
     visits, label = np.unique(stage.data.visit, return_inverse=True)
     pattern = np.random.default_rng(2).standard_normal(len(visits))
