@@ -49,20 +49,11 @@ def dwells(*each: tuple[int, int, float, float]) -> str:
 
 
 def test_dwells_in_free_air_become_trials_and_a_throttle_map(tmp_path):
-    rows = convert(
-        "crazyflie_stand",
-        dwells(
-            (100, 0, -1.0, 0),
-            (200, 13107, 9.0, 8000),
-            (30, 20000, 20.0, 9000),
-            (200, 32768, 24.0, 12000),
-        ),
-        tmp_path,
-    )
-    assert rows["throttle"].tolist() == [0.2, 0.500008]
-    assert rows["lift"].tolist() == [10, 25]
-    assert rows["n"].tolist() == [10, 10]
-    assert rows["rpm"].tolist() == [8000, 12000]
+    at_rest, short = (100, 0, -1.0, 0), (30, 20000, 20.0, 9000)
+    text = dwells(at_rest, (200, 13107, 9.0, 8000), short, (200, 32768, 24.0, 12000))
+    rows = convert("crazyflie_stand", text, tmp_path)
+    wanted = {"throttle": [0.2, 0.500008], "lift": [10, 25], "n": [10, 10], "rpm": [8000, 12000]}
+    assert {name: rows[name].tolist() for name in wanted} == wanted
     manifest = manifests.load(tmp_path / "raw")
     assert manifest.vehicle.throttle_map.points[0] == pytest.approx((0.2, 8000 / 60))
     assert nearlift("ingest", tmp_path / "raw", "--out", tmp_path).exit_code == 0
@@ -89,25 +80,20 @@ def test_another_file_is_refused_and_no_campaign_made(tmp_path, converter, text,
     assert not (tmp_path / "raw").exists()
 
 
-def test_older_sweeps_are_read_from_their_script(tmp_path):
-    rows = convert(
-        "pitt_ras_older",
+def test_older_sweeps_are_read_from_their_script_or_a_transcript(tmp_path):
+    script = (
         "data = (\n#     np.array((\n#             (470,2011,12.5,1.5),\n#         )),\n"
         "    np.array((\n            (15,1220,12.4,1.5),\n            (9,1100,12.4,1.5),\n        )),\n"
-        "    np.array((\n            (27,1320,12.1,0.2),\n        )))\n",
-        tmp_path,
+        "    np.array((\n            (27,1320,12.1,0.2),\n        )))\n"
     )
+    rows = convert("pitt_ras_older", script, tmp_path)
     assert rows["trial"].tolist() == ["s1-00", "s2-02"]
     assert rows["throttle"].tolist() == [0.2, 0.290909]
     assert rows["supply"].tolist() == [12.4, 12.1]
     assert rows["distance"].tolist() == [1.5, 0.2]
-
-
-def test_older_sweeps_are_read_from_a_transcript(tmp_path):
     table = tmp_path / "sweeps.csv"
-    table.write_text(
-        "sweep,force_raw,throttle_us,vbat_V,dist_to_ground_m\n1,15,1220,12.4,1.5\n2,27,1320,12.1,0.2\n"
-    )
+    head = "sweep,force_raw,throttle_us,vbat_V,dist_to_ground_m\n"
+    table.write_text(head + "1,15,1220,12.4,1.5\n2,27,1320,12.1,0.2\n")
     rows, _ = converters.pitt_ras_older({"sweeps": table}, "older")
     assert rows["trial"].tolist() == ["s1-00", "s2-01"]
     assert rows["lift"].tolist() == [15, 27]
@@ -164,10 +150,8 @@ def test_the_measured_sweeps_are_the_measured_campaign(tmp_path):
     write_campaign(tmp_path, "pitt_ras", {p.name: p for p in sweeps}, "pitt-ras-2017")
     ours = pd.read_csv(tmp_path / "trials.csv")
     assert ours["trial"].tolist() == theirs["trial"].tolist()
-    for column in ("session", "distance", "throttle", "lift", "supply", "start"):
-        assert ours[column].to_numpy() == pytest.approx(
-            theirs[column].to_numpy(), rel=1e-5, abs=1e-5
-        )
+    columns = ["session", "distance", "throttle", "lift", "supply", "start"]
+    np.testing.assert_allclose(ours[columns], theirs[columns], rtol=1e-5, atol=1e-5)
 
 
 @measured

@@ -95,27 +95,17 @@ def linearised(stage, fitted):
         [s.parameter.per == "session" for s in candidate.slots for _ in range(s.start, s.stop)]
     )
     rest = stage.log_lift - candidate.log_ratio(fitted.vector)
-    return (
-        rest,
-        candidate.jacobian(fitted.vector),
-        mean,
-        sd,
-        np.flatnonzero(free & ~by_session),
-        np.flatnonzero(free & by_session),
-        np.flatnonzero(mine & ~free),
-    )
+    entries = (np.flatnonzero(x) for x in (free & ~by_session, free & by_session, mine & ~free))
+    return rest, candidate.jacobian(fitted.vector), mean, sd, *entries
 
 
 def readings(stage, e):
     """Columns of the nuisances beside an explanation's form as printed, and uncertain."""
-    none, bent = (
-        e.fitted.candidate.form_discrepancy(e.fitted.vector, sd) for sd in (0.0, e.form_sd)
-    )
-    for reading, form_discrepancy in zip(
-        stage.linear_fits(e.fitted, e.form_sd), (none, bent), strict=True
-    ):
-        wave = reading.random_walk_gain * waves(stage.data) if reading.random_walk_gain else none
-        yield reading, np.hstack([form_discrepancy, wave])
+    for reading, sd in zip(stage.linear_fits(e.fitted, e.form_sd), (0.0, e.form_sd), strict=True):
+        columns = e.fitted.candidate.form_discrepancy(e.fitted.vector, sd)
+        if reading.random_walk_gain:
+            columns = np.hstack([columns, reading.random_walk_gain * waves(stage.data)])
+        yield reading, columns
 
 
 def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tried):
@@ -178,10 +168,8 @@ def precision(stage, nuisance):
     """What V0 + nuisance nuisance' leaves of the precision once L_inf per throttle is eliminated,
     (n, n).
     """
-    a, inverse = (
-        levels(stage),
-        np.linalg.inv(stage.space.covariance.dense() + nuisance @ nuisance.T),
-    )
+    a = levels(stage)
+    inverse = np.linalg.inv(stage.space.covariance.dense() + nuisance @ nuisance.T)
     return inverse - inverse @ a @ np.linalg.solve(a.T @ inverse @ a, a.T @ inverse)
 
 
@@ -208,9 +196,7 @@ def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_square
 def test_an_effect_that_was_not_named_is_a_nuisance_of_its_physical_size(stage):
     def size(effect):
         (prior,) = (q.prior for q in effect.parameters if not q.grid)
-        return (
-            prior.scale if prior.distribution in ("norm", "halfnorm") else prior.scale / np.sqrt(12)
-        )
+        return prior.scale / (1 if "norm" in prior.distribution else np.sqrt(12))
 
     def expected(names):
         total = np.zeros((stage.data.n, stage.data.n))
@@ -223,9 +209,8 @@ def test_an_effect_that_was_not_named_is_a_nuisance_of_its_physical_size(stage):
     everything = {e.name for e, _ in stage.library}
     for chosen in ((), ("supply_sag",)):
         found = coefficients.constrained_columns(stage, chosen)
-        assert found @ found.T == pytest.approx(
-            expected(everything - {*chosen}), rel=1e-9, abs=1e-18
-        )
+        whole = expected(everything - {*chosen})
+        assert found @ found.T == pytest.approx(whole, rel=1e-9, abs=1e-18)
 
 
 def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
@@ -247,11 +232,8 @@ def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
             shift = np.linalg.solve(information, jacobian.T @ inverse @ c)
             seen = c @ inverse @ c - shift @ information @ shift
             prior = size_parameters(effect)[0].plausible
-            bias = (
-                abs(shift[0])
-                * np.sqrt(information[0, 0])
-                * (prior if limit > 1 else min(4 / np.sqrt(seen), prior))
-            )
+            size = prior if limit > 1 else min(4 / np.sqrt(seen), prior)
+            bias = abs(shift[0]) * np.sqrt(information[0, 0]) * size
             assert (effect.name in found) == (limit > 1 or bias > 1), effect.name
             if effect.name in found:
                 assert found[effect.name].bias_at_detection_limit == pytest.approx(bias, rel=1e-6)
@@ -283,9 +265,8 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
     whole, _ = integrated(stage, rest, slopes, none)
     listed = iter(zip(found.names, found.covariates, found.log10_p, strict=True))
     checked = 0
-    named = [(f.name, f.columns) for f in families(stage.data)] + [
-        (f"effect {e.name}", c) for e, c in stage.library
-    ]
+    named = [(f.name, f.columns) for f in families(stage.data)]
+    named += [(f"effect {e.name}", c) for e, c in stage.library]
     root = np.linalg.cholesky(stage.space.covariance.dense())
     fixed = np.linalg.solve(root, np.hstack([levels(stage), slopes]))
     fixed, _ = np.linalg.qr(fixed)
@@ -299,22 +280,20 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
         assert given == name
         if singular[singular > 0].min() > 1e-4 * singular.max():
             drop = whole - integrated(stage, rest, np.hstack([slopes, columns]), none)[0]
-            assert value == pytest.approx(
-                chi2.logsf(drop, rank) / np.log(10), rel=1e-4, abs=1e-4
-            ), name
+            expected = chi2.logsf(drop, rank) / np.log(10)
+            assert value == pytest.approx(expected, rel=1e-4, abs=1e-4), name
             checked += 1
     assert checked > 20
 
 
-def of_left(e, present):
-    left = structure.Structure(
-        names=("x",),
-        covariates=("x",),
-        log10_p=np.array([-5.0]),
-        p_value=0.01,
-        threshold=-4.0 if present else -6.0,
+def of(log10_p, covariates=("time", "tilt"), threshold=-4.0):
+    return structure.Structure(
+        names=tuple(f"f{i}" for i in range(len(covariates))),
+        covariates=covariates,
+        log10_p=np.array(log10_p),
+        p_value=0.1,
+        threshold=threshold,
     )
-    return replace(e, left=left)
 
 
 DOUBTS = list(itertools.product([False, True], [-1.0, 1.0, 3.0], [False, True], [False, True]))
@@ -332,8 +311,9 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
         vector[candidate.sizes()] = candidate.bounds[1][candidate.sizes()] if at_bound else 1e-3
         fitted = replace(tried["supply_sag"].fitted, candidate=candidate, vector=vector)
         assert fitted.at_bound == at_bound
-        given = {"fitted": fitted, "over_none": over_none, "needed": needed}
-        e = restated(of_left(tried["supply_sag"], present), confirmed=None, **given)
+        left = of([-5.0], ("x",), threshold=-4.0 if present else -6.0)
+        given = {"fitted": fitted, "over_none": over_none, "needed": needed, "left": left}
+        e = restated(tried["supply_sag"], confirmed=None, **given)
         assert e.accepted == (not present and over_none > 2 and needed and not at_bound)
         rival = over_none > 0 and not at_bound and (needed or len(names) == 1)
         assert e.may_be_named == rival
@@ -341,16 +321,6 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
             judged = replace(e, confirmed=confirmed)
             assert judged.accepted == (confirmed and needed and not at_bound)
             assert judged.may_be_named == (judged.accepted or rival)
-
-
-def of(log10_p, covariates=("time", "tilt"), threshold=-4.0):
-    return structure.Structure(
-        names=tuple(f"f{i}" for i in range(len(covariates))),
-        covariates=covariates,
-        log10_p=np.array(log10_p),
-        p_value=0.1,
-        threshold=threshold,
-    )
 
 
 def test_structure_is_present_beyond_its_threshold_and_along_its_covariates():
@@ -377,12 +347,10 @@ def test_the_interval_spans_every_answer_and_the_jackknife_its_visits():
         half = t.ppf(0.95, 6) * np.sqrt(6 / 7 * np.sum((without - without.mean()) ** 2))
         return statistic(visit >= 0), half
 
-    assert confirmation.log_rms(visit, before) == pytest.approx(
-        ends(lambda keep: np.log(rms(before, keep)))
-    )
-    assert confirmation.log_rms(visit, after, before) == pytest.approx(
-        ends(lambda keep: np.log(rms(after, keep) / rms(before, keep)))
-    )
+    alone = ends(lambda keep: np.log(rms(before, keep)))
+    ratio = ends(lambda keep: np.log(rms(after, keep) / rms(before, keep)))
+    assert confirmation.log_rms(visit, before) == pytest.approx(alone)
+    assert confirmation.log_rms(visit, after, before) == pytest.approx(ratio)
     assert np.isnan(confirmation.log_rms(visit[:6], after[:6], before[:6])[1])
     assert np.isfinite(confirmation.log_rms(visit[:9], after[:9], before[:9])).all()
 
@@ -392,9 +360,14 @@ def test_a_prediction_takes_its_levels_from_its_own_trials(stage):
     a, ratio = levels(stage), stage.base_fit.candidate.log_ratio(stage.base_fit.vector)
     log_inf = np.linalg.solve(a.T @ v @ a, a.T @ v @ (stage.log_lift - ratio))
     some = np.array([5, 3, 40])
-    assert confirmation.predict(stage, stage.base_fit, whole.take(some)) == pytest.approx(
-        (log_inf[whole.level] + ratio)[some]
-    )
+    predicted = confirmation.predict(stage, stage.base_fit, whole.take(some))
+    assert predicted == pytest.approx((log_inf[whole.level] + ratio)[some])
+
+
+def answered(stage, first=None, accepted=()):
+    """An answer of a search."""
+    first = first or stage.nothing_added[0]
+    return search.Answer(problem=stage, first=first, singles=(), pairs=(), accepted=accepted)
 
 
 def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
@@ -402,10 +375,7 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     every effect that was not named.
     """
     accepted = (tried["supply_sag"], tried["warm_up"])
-    answer = search.Answer(
-        problem=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted
-    )
-    answers = coefficients.answers(answer)
+    answers = coefficients.answers(answered(stage, accepted=accepted))
     reach, found = t.ppf(0.95, answers.dof[0]), answers.estimates()
     assert 1 <= answers.dof[0] < stage.data.n
     members = [coefficients.spread(stage, e.fitted, e.form_discrepancy) for e in accepted]
@@ -428,9 +398,8 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     assert after.constrained == pytest.approx([value - reach * u, value + reach * u])
     (value,), (u,) = coefficients.spread(stage, stage.base_fit)
     before = found.before["K_b"]
-    assert (before.value, before.lo90, before.hi90) == pytest.approx(
-        (value, value - reach * u, value + reach * u)
-    )
+    ends = (value, value - reach * u, value + reach * u)
+    assert (before.value, before.lo90, before.hi90) == pytest.approx(ends)
     assert found.carried == ()
 
 
@@ -438,11 +407,8 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     """The families flagged, curves that change with time, coefficients by throttle, each at the
     size that its moments give, and its standard error.
     """
-    answer = search.Answer(
-        problem=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=()
-    )
     unnamed = discrepancy.columns(stage, ["supply"])
-    answers = coefficients.answers(answer)
+    answers = coefficients.answers(answered(stage, of([-9.0, -1.0], ("supply", "tilt"))))
     reach, after = t.ppf(0.95, answers.dof[0]), answers.estimates()
     (value,), (u,) = coefficients.spread(stage, stage.base_fit, unnamed)
     assert after.carried == ("supply",)
@@ -455,14 +421,9 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     time, z = stage.data.covariates["run_order"], stage.data.z_hat
     u = 2 * (np.log(z) - np.log(z).min()) / np.ptp(np.log(z)) - 1
     rank = (np.unique(time, return_inverse=True)[1] + 0.5) / stage.data.n
-    moving = np.stack(
-        [u**i * np.cos(np.pi * j * rank) for i in (1, 2) for j in (1, 2, 3, 4)], axis=1
-    )
-    by_throttle = slopes * levels(stage)
-    wanted = [f.columns for f in families(stage.data) if f.covariate == "supply"] + [
-        moving,
-        by_throttle,
-    ]
+    curves = [u**i * np.cos(np.pi * j * rank) for i in (1, 2) for j in (1, 2, 3, 4)]
+    wanted = [f.columns for f in families(stage.data) if f.covariate == "supply"]
+    wanted += [np.stack(curves, axis=1), slopes * levels(stage)]
     assert len(wanted) > 2
     total = np.zeros((stage.data.n, stage.data.n))
     for columns in wanted:
@@ -558,13 +519,7 @@ def test_a_throttle_that_only_a_fold_has_cannot_be_predicted(stage):
     odd = data.visit == 4
     data = replace(data, throttle=np.where(odd, data.throttle + 1e-3, data.throttle))
     moved = replace(stage, data=data)
-
-    def blind(part):
-        return search.Answer(
-            problem=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=()
-        )
-
-    scored = confirmation.held_out(moved, blind)
+    scored = confirmation.held_out(moved, answered)
     assert np.array_equal(scored.predicted, ~odd)
     assert np.sqrt(np.mean(scored.before[~odd] ** 2)) < 0.1
 
@@ -603,13 +558,9 @@ def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):
     first = np.r_[True, label[1:] != label[:-1]]
     for m, confirmed in ((1.05, True), (0.95, False), (-0.95, False)):
         gain = (pattern + m / np.sqrt(len(visits)))[label]
-        before, after = (
-            np.where(first, np.sqrt(6 + gain), 1.0) * sd,
-            np.where(first, np.sqrt(6), 1.0) * sd,
-        )
-        scored = confirmation.HeldOut(
-            before=before, after=before, named=after, visit=stage.data.visit, chosen=()
-        )
+        before, after = (np.where(first, np.sqrt(x), 1.0) * sd for x in (6 + gain, 6))
+        common = {"visit": stage.data.visit, "chosen": ()}
+        scored = confirmation.HeldOut(before=before, after=before, named=after, **common)
         assert confirmation.improves(apart, scored) == confirmed
 
 

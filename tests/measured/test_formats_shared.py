@@ -23,6 +23,7 @@ RAMP = {
     "units": ["kgf", "A", "V", "W", "percent", "Hz", "us"],
     "ignore": ["START", "STOP"],
 }
+THERMAL = "pitt-ras-iarc7-thrust/v2_thermal/transisterthermaltesting.txt.gz"
 SWEEP = {"columns": ["throttle", "thrust", "battery", "distance"]}
 
 
@@ -35,20 +36,13 @@ def values(contents: Contents, name: str) -> Any:
 
 
 #: Folder, file, channel; unit, number of readings, largest reading, rate in Hz; codes.
+THRUST_GF = ("Thrust", "gf")
 TRIGGER = ("Excitation (Trigger)", "N", 10, None, 25600)
 LINE = "07/09/2012 06:58:23 PM - Digital Input - All Data/Dev1_port3_line7 - line 0"
 FILES: dict[str, list[tuple[Any, ...]]] = {
     "rcbenchmark rcbenchmark-logs": [
-        (
-            "StepsTest20230615_2023-06-15_174003.csv",
-            "Thrust",
-            "gf",
-            2001,
-            25.71,
-            None,
-            "dead_speed",
-        ),
-        ("StepsTest_2020-06-16_220513.csv", "Thrust", "gf", 21, 146.1, None),
+        ("StepsTest20230615_2023-06-15_174003.csv", *THRUST_GF, 2001, 25.71, None, "dead_speed"),
+        ("StepsTest_2020-06-16_220513.csv", *THRUST_GF, 21, 146.1, None),
         ("aerostack2_xNova-SR-ramp.csv", "Thrust", "N", 135, 9.12, None, "dead_speed"),
         ("aerostack2_xNova-SR-steps-up.csv", "Thrust", "N", 377, 5.435, None),
     ],
@@ -127,44 +121,38 @@ def test_sweeps_without_a_header() -> None:
 
 
 @pytest.mark.parametrize(
-    ("reader", "file", "dialect", "words"),
+    ("file", "dialect", "words"),
     [
         (
-            "text",
-            "vadl-loadcell-calibration/100.txt.gz",
-            {},
+            *("text vadl-loadcell-calibration/100.txt.gz", {}),
             r'above its rows of 1 cell\n  name them: dialect = { columns = \["force"\] }',
         ),
         (
-            "crazyflie",
-            "crazyflie-thrust-stand/bitcraze_2015_table.csv",
-            {},
+            *("crazyflie crazyflie-thrust-stand/bitcraze_2015_table.csv", {}),
             "line 1: has not the header of Crazyflie system identification",
         ),
         (
-            "text",
-            "pitt-ras-iarc7-thrust/v2_dynamic/6x4.5x2_dynamic.txt.gz",
+            "text pitt-ras-iarc7-thrust/v2_dynamic/6x4.5x2_dynamic.txt.gz",
             {"columns": list("abcdefghij"), "ignore": ["START", "STOP"]},
             "line 350: has 1 cells under 10 column names",
         ),
         (
-            "text",
-            "pitt-ras-iarc7-thrust/v2_thermal/transisterthermaltesting.txt.gz",
-            {"labels": True},
+            *(f"text {THERMAL}", {"labels": True}),
             "line 2: is labelled T, C, V, W, Thr, Hz, not Thr, Hz",
         ),
     ],
 )
 def test_what_cannot_be_read_is_refused_with_the_way_out(
-    reader: str, file: str, dialect: dict[str, Any], words: str
+    file: str, dialect: dict[str, Any], words: str
 ) -> None:
+    reader, _, name = file.partition(" ")
     with pytest.raises(InputRefused, match=words):
-        read(reader, DATA / file, dialect)
+        read(reader, DATA / name, dialect)
 
 
 def test_the_thermal_log(tmp_path: Path) -> None:
     """Labelled cells; its first line begins in the middle, its last ends there."""
-    packed = DATA / "pitt-ras-iarc7-thrust/v2_thermal/transisterthermaltesting.txt.gz"
+    packed = DATA / THERMAL
     path = tmp_path / packed.stem
     path.write_bytes(gzip.decompress(packed.read_bytes()))
     contents = read("text", path, {"labels": True, "skip": 1})

@@ -98,52 +98,33 @@ def test_a_humidity_that_cannot_be_is_refused(
     ("unit", "factor"), [("rpm", 1 / 60), ("Hz", 1.0), ("rad/s", 1 / (2 * np.pi))]
 )
 def test_a_turn_is_a_turn(tmp_path: Path, unit: str, factor: float) -> None:
-    got = read(
-        tmp_path,
-        "trial,boundary,distance,throttle,rpm\na,ground,43,25,600\n",
-        trials=units(rpm=unit),
-    )
-    np.testing.assert_allclose(got.covariates["speed_Hz"], [600 * factor])
+    text = "trial,boundary,distance,throttle,rpm\na,ground,43,25,600\n"
+    speed = read(tmp_path, text, trials=units(rpm=unit)).covariates["speed_Hz"]
+    np.testing.assert_allclose(speed, [600 * factor])
 
 
 def test_further_columns_are_kept_and_a_likely_slip_is_noted(tmp_path: Path) -> None:
-    got = read(
-        tmp_path,
-        "trial,boundary,distance,throttle,propeller,nut"
-        " torque,suply\na,ground,43,25,A,1.5,4\nb,ground,43,50,B,,4\n",
-    )
+    head = "trial,boundary,distance,throttle,propeller,nut torque,suply\n"
+    got = read(tmp_path, head + "a,ground,43,25,A,1.5,4\nb,ground,43,50,B,,4\n")
     assert list(got.covariates["propeller"]) == ["A", "B"]
     np.testing.assert_array_equal(got.covariates["nut torque"], [1.5, np.nan])
     assert got.notes == ("trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",)
     # names of files, from which `nearlift new` took the ids
-    got = read(
-        tmp_path,
-        "trial,record,boundary,distance,throttle\na,a,ground,43,25\nb,b.csv,ground,43,50\n",
-    )
-    assert got.notes == ()
+    rows = "trial,record,boundary,distance,throttle\na,a,ground,43,25\nb,b.csv,ground,43,50\n"
+    assert read(tmp_path, rows).notes == ()
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_remarks_above_the_header_are_no_rows_and_lines_keep_their_numbers(
     tmp_path: Path, end: str
 ) -> None:
-    rows = [
-        '# bench 2, 5" props, trial,error',
-        "",
-        "  # run by hand",
-        "trial,boundary,distance,throttle",
-        "a,ground,43,25",
-        "b,ground,43,x",
-        "",
-    ]
+    remarks = ['# bench 2, 5" props, trial,error', "", "  # run by hand", HEAD.strip()]
+    text = end.join([*remarks, "a,ground,43,25", "b,ground,43,x", ""])
     with pytest.raises(ManifestError, match="line 6"):
-        read(tmp_path, end.join(rows))
-    assert list(read(tmp_path, end.join(rows).replace("x", "50")).trial) == ["a", "b"]
-
-
-def test_a_header_behind_a_hash_is_asked_for_without_it(tmp_path: Path) -> None:
+        read(tmp_path, text)
+    assert list(read(tmp_path, text.replace("x", "50")).trial) == ["a", "b"]
     with pytest.raises(ManifestError, match=r"has no column 'trial'\n  is it '#trial'\?"):
-        read(tmp_path, "#trial,boundary,distance,throttle\na,ground,43,25\n")
+        read(tmp_path, f"#{HEAD}a,ground,43,25\n")
 
 
 def test_constants_stand_for_columns(tmp_path: Path) -> None:
@@ -164,17 +145,14 @@ def test_constants_stand_for_columns(tmp_path: Path) -> None:
 
 
 def test_iso_times_count_from_the_first_trial(tmp_path: Path) -> None:
-    text = "trial,boundary,distance,throttle,start\na,ground,43,25,2026-03-01T14:05:00\nb,ground,43,50,2026-03-01T14:05:20.5\n"
-    np.testing.assert_allclose(read(tmp_path, text).covariates["start_s"], [0, 20.5])
+    rows = "a,ground,43,25,2026-03-01T14:05:00\nb,ground,43,50,2026-03-01T14:05:20.5\n"
+    got = read(tmp_path, "trial,boundary,distance,throttle,start\n" + rows)
+    np.testing.assert_allclose(got.covariates["start_s"], [0, 20.5])
 
 
-def test_free_air_has_no_distance(tmp_path: Path) -> None:
-    got = read(tmp_path, HEAD + "a,none,,25\nb,ground,43,25\n")
-    assert got.z_hat[0] == np.inf
-    assert np.isfinite(got.z_hat[1])
-
-
-def test_a_campaign_of_free_air_needs_no_distance_column(tmp_path: Path) -> None:
+def test_free_air_has_no_distance_and_needs_no_column_of_it(tmp_path: Path) -> None:
+    z_hat = read(tmp_path, HEAD + "a,none,,25\nb,ground,43,25\n").z_hat
+    assert np.isfinite(z_hat).tolist() == [False, True]
     assert np.all(np.isinf(read(tmp_path, "trial,boundary,throttle\na,none,25\n").z_m))
 
 
@@ -183,18 +161,11 @@ def test_visits_count_the_stops_of_the_traverse() -> None:
     z = np.array([1.0, 1.0, 2.0, 2.0, 2.0, 2.0])
     assert visits(side, z).tolist() == [0, 0, 1, 2, 2, 2]
     # the same station from the other side is another stop; an unknown side is not
-    assert visits(side, z, np.array([1.0, 1.0, -1.0, -1.0, 1.0, np.nan])).tolist() == [
-        0,
-        0,
-        1,
-        2,
-        3,
-        3,
-    ]
+    approach = np.array([1.0, 1.0, -1.0, -1.0, 1.0, np.nan])
+    assert visits(side, z, approach).tolist() == [0, 0, 1, 2, 3, 3]
     # so is the same station in another session
-    assert visits(
-        side, z, None, np.array(["1", "2", "2", "2", "2", "2"], dtype=object)
-    ).tolist() == [0, 1, 2, 3, 3, 3]
+    session = np.array(["1", "2", "2", "2", "2", "2"], dtype=object)
+    assert visits(side, z, None, session).tolist() == [0, 1, 2, 3, 3, 3]
     # without an order, equal rows are one stop wherever they are
     assert visits(side[:4], z[[0, 2, 1, 3]], ordered=False).tolist() == [0, 1, 0, 2]
 
@@ -227,43 +198,43 @@ def test_refusals(tmp_path: Path, at_fault: str, text: str, changes: str, match:
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\n\n", "\n  "])
-def test_a_last_line_without_its_end_is_told_for_it_may_be_cut(tmp_path: Path, end: str) -> None:
+def test_a_last_line_without_its_end_is_noted_for_it_may_be_cut(tmp_path: Path, end: str) -> None:
     text = HEAD + "a,ground,43,25\nb,ground,300,25"
     assert read(tmp_path, text + end).notes == ()
     (note,) = read(tmp_path, text[:-4] + ",25").notes
-    assert note.startswith(
-        "trials.csv ends within a line, 'b,ground,30,25': if it was cut off there, that row is"
-        " wrong"
-    )
+    cut = "'b,ground,30,25': if it was cut off there, that row is wrong"
+    assert note.startswith(f"trials.csv ends within a line, {cut}")
 
 
 def test_a_start_before_the_row_above_is_noted(tmp_path: Path) -> None:
-    rows = "".join(
-        f"t{i},ground,43,25,{start},{session}\n"
-        for i, (start, session) in enumerate([(0, "a"), (9e9, "a"), (20, "a"), ("", "a"), (3, "b")])
-    )
-    (note,) = read(
-        tmp_path, f"trial,boundary,distance,throttle,start,session\n{rows}", trials=units(start="s")
-    ).notes
-    assert (
-        note
-        == "trials.csv, line 4, column 'start': 20 lies before the row above: rows must be in the"
+    starts = [(0, "a"), (9e9, "a"), (20, "a"), ("", "a"), (3, "b")]
+    rows = "".join(f"t{i},ground,43,25,{start},{s}\n" for i, (start, s) in enumerate(starts))
+    text = f"trial,boundary,distance,throttle,start,session\n{rows}"
+    (note,) = read(tmp_path, text, trials=units(start="s")).notes
+    assert note == (
+        "trials.csv, line 4, column 'start': 20 lies before the row above: rows must be in the"
         " order in which they were run"
     )
 
 
-def test_the_literal_table_is_refused_with_the_unit_that_fits(tmp_path: Path) -> None:
-    text = HEAD + "a,ceiling,5,25\nb,ceiling,525,25\n"
-    with pytest.raises(
-        InputRefused, match=r"line 3, column 'distance': 525 cm is outside the 1\.5 m arena; mm\?"
-    ):
-        read(tmp_path, text, trials=units(distance="cm"))
-
-
-def test_no_unit_is_proposed_where_none_fits(tmp_path: Path) -> None:
-    # 0.05 to 4000 can be no unit's: whichever brings 4000 into the room takes 0.05 to nothing
-    with pytest.raises(InputRefused, match=r"4000 mm is outside the 1\.5 m arena\n"):
-        read(tmp_path, HEAD + "a,ground,0.05,25\nb,ground,4000,25\n")
+@pytest.mark.parametrize(
+    ("rows", "unit", "match"),
+    [
+        # the literal table is refused with the unit that fits
+        (
+            "a,ceiling,5,25\nb,ceiling,525,25\n",
+            "cm",
+            r"line 3.*: 525 cm is outside the 1\.5 m arena; mm\?",
+        ),
+        # 0.05 to 4000 can be no unit's: whichever brings 4000 into the room takes 0.05 to nothing
+        ("a,ground,0.05,25\nb,ground,4000,25\n", "mm", r"4000 mm is outside the 1\.5 m arena\n"),
+    ],
+)
+def test_a_distance_outside_the_arena_is_refused_with_the_unit_that_fits(
+    tmp_path: Path, rows: str, unit: str, match: str
+) -> None:
+    with pytest.raises(InputRefused, match=match):
+        read(tmp_path, HEAD + rows, trials=units(distance=unit))
 
 
 @pytest.mark.parametrize(
@@ -274,11 +245,8 @@ def test_a_blade_in_the_wall_is_refused(
     tmp_path: Path, distance: float, offset: str, fits: bool
 ) -> None:
     text = HEAD + f"a,sidewall,{distance},25\n"
-    rig = (
-        {"distance_datum": "rotor axis", "distance_offset": offset}
-        if offset != "0 mm"
-        else {"distance_datum": "blade tip"}
-    )
+    datum = "blade tip" if offset == "0 mm" else "rotor axis"
+    rig = {"distance_datum": datum, "distance_offset": offset}
     if fits:
         assert read(tmp_path, text, rig=rig).z_m[0] > 0
     else:
@@ -287,37 +255,27 @@ def test_a_blade_in_the_wall_is_refused(
 
 
 def test_the_rotor_axis_wants_minus_one_radius(tmp_path: Path) -> None:
+    rig = {"distance_datum": "rotor axis"}
     with pytest.raises(ManifestError, match='sidewall = "-23 mm"'):
-        read(tmp_path, HEAD + "a,sidewall,33,25\n", rig={"distance_datum": "rotor axis"})
+        read(tmp_path, HEAD + "a,sidewall,33,25\n", rig=rig)
     with pytest.raises(ManifestError, match="no datum for the ground"):
-        read(
-            tmp_path,
-            HEAD + "a,ground,33,25\n",
-            rig={"distance_datum": "rotor axis", "distance_offset": "-23 mm"},
-        )
+        read(tmp_path, HEAD + "a,ground,33,25\n", rig={**rig, "distance_offset": "-23 mm"})
+    # from the rotor plane it is noted
+    (note, *_) = read(tmp_path, HEAD + "a,sidewall,33,25\n").notes
+    assert "wall to nearest blade tip" in note
 
 
-def test_a_sidewall_from_the_rotor_plane_is_noted(tmp_path: Path) -> None:
-    got = read(tmp_path, HEAD + "a,sidewall,33,25\n")
-    assert "wall to nearest blade tip" in got.notes[0]
-
-
-def test_a_schedule_outside_the_folder_is_refused(tmp_path: Path) -> None:
+def test_a_schedule_that_is_missing_elsewhere_or_in_another_encoding_is_refused(
+    tmp_path: Path,
+) -> None:
     inner = tmp_path / "campaign"
     inner.mkdir()
+    with pytest.raises(InputRefused, match=r"trials\.csv: is missing"):
+        read_schedule(manifest(), tmp_path)
     write_schedule(tmp_path, HEAD + "a,ground,43,25\n")
     with pytest.raises(InputRefused, match="leads outside the campaign's folder"):
         read_schedule(manifest(trials={"file": "../trials.csv"}), inner)
-
-
-def test_a_missing_schedule_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputRefused, match=r"trials\.csv: is missing"):
-        read_schedule(manifest(), tmp_path)
-
-
-def test_a_schedule_in_another_encoding_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "trials.csv").write_bytes(
-        "trial,boundary,distance,throttle,Prüfer\na,ground,43,25,x\n".encode("latin-1")
-    )
+    text = "trial,boundary,distance,throttle,Prüfer\na,ground,43,25,x\n"
+    (tmp_path / "trials.csv").write_bytes(text.encode("latin-1"))
     with pytest.raises(InputRefused, match="is not UTF-8 text"):
         read_schedule(manifest(), tmp_path)

@@ -47,28 +47,22 @@ def german(force: Sequence[float]) -> bytes:
     return ("Zeit;Kraft\r\ns;mN\r\n" + rows).encode("utf-16")
 
 
+def _rows(header: str, row: str, force: Sequence[float]) -> bytes:
+    """A header, and a row for each force, its time at 40 Hz and its number to be filled in."""
+    lines = (row.format(t=repr(i / 40), f=repr(f)) for i, f in enumerate(force))
+    return "\n".join([header, *lines, ""]).encode()
+
+
 def rcbenchmark(force: Sequence[float]) -> bytes:
-    return (
-        RC_HEADER
-        + "\n"
-        + "".join(
-            f"{i / 40!r},1500,,0.1,0.002,{f!r},4.01,9000,0.2,,\n" for i, f in enumerate(force)
-        )
-    ).encode()
+    return _rows(RC_HEADER, "{t},1500,,0.1,0.002,{f},4.01,9000,0.2,,", force)
 
 
 def tyto(force: Sequence[float]) -> bytes:
-    return (
-        TYTO_HEADER
-        + "\n"
-        + "".join(f"{i / 40!r},1500,{f!r},0.1,9000\n" for i, f in enumerate(force))
-    ).encode()
+    return _rows(TYTO_HEADER, "{t},1500,{f},0.1,9000", force)
 
 
 def crazyflie(force: Sequence[float]) -> bytes:
-    return (
-        "weight[g],pwm,vbat[V],rpm1,rpm2\n" + "".join(f"{f!r},30000,3.9,9000,9100\n" for f in force)
-    ).encode()
+    return _rows("weight[g],pwm,vbat[V],rpm1,rpm2", "{f},30000,3.9,9000,9100", force)
 
 
 def lvm(
@@ -83,30 +77,20 @@ def lvm(
         f"Channels\t2\t\t\nSamples\t{len(force)}\t{len(force)}\t\nY_Unit_Label\tNewtons\tVolts\t\nX_Dimension\tTime\tTime\t\n"
         "X0\t0.0\t0.0\t\nDelta_X\t0.001\t0.001\t\n***End_of_Header***\t\t\t\nX_Value\tForce\tSupply\tComment\n"
     )
-    clock = (lambda i: repr(i / 1000)) if columns == "One" else (lambda i: "")
-    rows = "".join(f"{clock(i)}\t{f!r}\t{4.0!r}\n" for i, f in enumerate(force))
-    return (
-        (head + segments * (part + rows + "\n"))
-        .replace(".", decimal)
-        .replace("Y_Unit_Label", "Y_Unit_Label")
-        .encode()
-    )
+    clock = (repr(i / 1000) if columns == "One" else "" for i in range(len(force)))
+    rows = "".join(f"{t}\t{f!r}\t4.0\n" for t, f in zip(clock, force, strict=True))
+    return (head + segments * (part + rows + "\n")).replace(".", decimal).encode()
 
 
 def tdms(force: Sequence[float]) -> bytes:
     from nptdms import ChannelObject, TdmsWriter
 
     sink = io.BytesIO()
+    about = {"unit_string": "N", "wf_increment": 0.001}
     with TdmsWriter(sink) as writer:
         # a logger appends segments
         for part in np.array_split(np.asarray(force, dtype=float), 5):
-            writer.write_segment(
-                [
-                    ChannelObject(
-                        "daq", "force", part, properties={"unit_string": "N", "wf_increment": 0.001}
-                    )
-                ]
-            )
+            writer.write_segment([ChannelObject("daq", "force", part, properties=about)])
     return sink.getvalue()
 
 
@@ -114,9 +98,8 @@ def mat(force: Sequence[float], *, compressed: bool = True) -> bytes:
     import scipy.io
 
     sink = io.BytesIO()
-    scipy.io.savemat(
-        sink, {"run": {"force": np.asarray(force, dtype=float)}}, do_compression=compressed
-    )
+    content = {"run": {"force": np.asarray(force, dtype=float)}}
+    scipy.io.savemat(sink, content, do_compression=compressed)
     return sink.getvalue()
 
 
@@ -124,11 +107,9 @@ def hdf5(force: Sequence[float], *, fletcher: bool = False) -> bytes:
     import h5py
 
     sink = io.BytesIO()
+    how = {"fletcher32": fletcher, "chunks": True if fletcher else None}
     with h5py.File(sink, "w") as file:
-        series = np.asarray(force, dtype=float)
-        item = file.create_dataset(
-            "daq/force", data=series, fletcher32=fletcher, chunks=True if fletcher else None
-        )
+        item = file.create_dataset("daq/force", data=np.asarray(force, dtype=float), **how)
         item.attrs["units"] = "N"
         item.attrs["sample_rate"] = 1000.0
     return sink.getvalue()
