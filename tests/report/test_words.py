@@ -98,30 +98,23 @@ def test_titles_of_effects_can_be_subjects_of_a_sentence():
         assert " of " not in effect.title
 
 
-@pytest.mark.parametrize(
-    ("effect", "parameter", "value", "half", "unit", "text"),
-    [
-        (
-            *("supply_sag", "sag_exponent", 2.028, 0.0745, "exponent of supply voltage"),
-            "lift scales as voltage^2.03 (90 %: 1.95 to 2.10)",
-        ),
-        (
-            *("gain_drift", "drift", 0.0498, 0.003, "fraction of lift, first to last trial"),
-            "drift 4.98 % of lift, first to last trial (90 %: 4.68 to 5.28)",
-        ),
-        (
-            *("height_offset", "offset_m", 0.0005, 0.0001, "m"),
-            "offset 0.50 mm (90 %: 0.40 to 0.60)",
-        ),
-        (
-            *("near_wall_saturation", "gap_hat2", 0.125, 0.055, "square rotor radii"),
-            "the gain of lift saturates below ẑ = 0.35, 8.1 mm (90 %: 6.1 to 9.8)",
-        ),
-    ],
-)
-def test_a_size_is_said_with_its_unit_and_its_part_of_lift(
-    effect, parameter, value, half, unit, text
-):
+SIZES = {
+    ("supply_sag", "sag_exponent", 2.028, 0.0745, "exponent of supply voltage"): (
+        "lift scales as voltage^2.03 (90 %: 1.95 to 2.10)"
+    ),
+    ("gain_drift", "drift", 0.0498, 0.003, "fraction of lift, first to last trial"): (
+        "drift 4.98 % of lift, first to last trial (90 %: 4.68 to 5.28)"
+    ),
+    ("height_offset", "offset_m", 0.0005, 0.0001, "m"): "offset 0.50 mm (90 %: 0.40 to 0.60)",
+    ("near_wall_saturation", "gap_hat2", 0.125, 0.055, "square rotor radii"): (
+        "the gain of lift saturates below ẑ = 0.35, 8.1 mm (90 %: 6.1 to 9.8)"
+    ),
+}
+
+
+@pytest.mark.parametrize(("size", "text"), SIZES.items(), ids=[k[0] for k in SIZES])
+def test_a_size_is_said_with_its_unit_and_its_part_of_lift(size, text):
+    effect, parameter, value, half, unit = size
     size = IdentifiedSize(
         effect=effect,
         parameter=parameter,
