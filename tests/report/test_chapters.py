@@ -31,9 +31,11 @@ def text_of(page):
     return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", page)))
 
 
-def said(evidence, change=None):
-    """The words of the chapter on the diagnosis; every number is that of its place."""
-    known = changed(evidence, change)
+def said(evidence, change=None, **more):
+    """The words of the chapter on the diagnosis, with changed or more findings; every number is that
+    of its place.
+    """
+    known = changed(evidence, change or (lambda ground: ground.update(more)))
     chapter = small_run.chapter(known, "diagnosis")
     chapter = chapter[chapter.index('<section id="diagnosis"') :].partition("</section>")[0]
     for attributes, _ in Elements(chapter).numbers:
@@ -53,14 +55,12 @@ def test_an_effect_has_its_size_its_rivals_and_the_error(evidence):
 
 
 def test_the_unexplained_has_its_covariate_and_shares_but_no_effect(evidence):
-    def change(found):
-        found.update(
-            verdict="unexplained", effects=[], partial=[{"name": "gain_drift", "share": 0.31}]
-        )
-        found["structure"] = [{"covariate": "start", "p_value": 3.7e-5, "significant": True}]
-        found["coefficients"]["carried"] = ["distance", "start"]
-
-    text = said(evidence, change)
+    partial = [{"name": "gain_drift", "share": 0.31}]
+    structure = [{"covariate": "start", "p_value": 3.7e-5, "significant": True}]
+    carried = {**quoted.DIAGNOSED["boundaries"]["ground"]["coefficients"]}
+    carried["carried"] = ["distance", "start"]
+    found = {"verdict": "unexplained", "effects": [], "partial": partial, "structure": structure}
+    text = said(evidence, coefficients=carried, **found)
     assert "time 3.7 × 10⁻⁵ yes" in text
     assert "Partial explanations (1) effect % of what exceeds the noise gain drift 31" in text
     assert "The intervals include an unexplained dependence on distance and time." in text
@@ -69,58 +69,42 @@ def test_the_unexplained_has_its_covariate_and_shares_but_no_effect(evidence):
 
 def test_a_look_before_the_end_and_drift_within_records_are_said(evidence):
     look = {"text": "a look at 240 of 480 trials; claims need p < 7e-05"}
-    own = {
-        "change_over_record": {"value": -0.012, "lo90": -0.014, "hi90": -0.01},
-        "p_value": 2e-5,
-        "significant": True,
-        "candidates": ["motor_heating"],
-    }
-    text = said(evidence, lambda f: f.update(look=look, within_trial=own))
+    change = {"value": -0.012, "lo90": -0.014, "hi90": -0.01}
+    heating = {"p_value": 2e-5, "significant": True, "candidates": ["motor_heating"]}
+    text = said(evidence, look=look, within_trial={"change_over_record": change, **heating})
     assert "a look at 240 of 480 trials; claims need p < 7e-05." in text
     assert "lift changes by −1.20 % (90 %: −1.40 to −1.00), as by motor heating." in text
     assert "time within a record 2 × 10⁻⁵ yes" in text
 
 
 def test_a_size_at_its_bound_is_marked(evidence):
-    def change(found, value=-0.1):
-        size = {"value": value, "lo90": -0.15, "hi90": -0.05}
-        found["effects"] = [{"name": "height_scale", "rivals": [], "parameters": {"z_scale": size}}]
-
-    assert "at its bound" in said(evidence, change)
-    assert "at its bound" not in said(evidence, lambda f: change(f, -0.05))
+    for value in (-0.1, -0.05):
+        size = {"z_scale": {"value": value, "lo90": -0.15, "hi90": -0.05}}
+        text = said(evidence, effects=[{"name": "height_scale", "rivals": [], "parameters": size}])
+        assert ("at its bound" in text) == (value == -0.1)
 
 
 def test_candidates_folds_and_proposals(evidence):
     tried = {"p_value": 1.0, "accepted": True, "left_in": None}
+    sag = {**tried, "name": "supply_sag", "gain": 900.0, "log_evidence": -10.0}
+    other = {"name": "warm_up", "gain": 300.0, "log_evidence": -35.0}
+    rejected = {**tried, **other, "accepted": False, "left_in": "supply"}
 
-    def change(found):
-        found["rounds"][0]["candidates"] = [
-            {**tried, "name": "supply_sag", "gain": 900.0, "log_evidence": -10.0},
-            {
-                **tried,
-                "name": "warm_up",
-                "gain": 300.0,
-                "accepted": False,
-                "log_evidence": -35.0,
-                "left_in": "supply",
-            },
-        ]
+    def change(found, needed=0):
+        found["rounds"][0]["candidates"] = [sag, rejected]
         found["error"]["chosen_in_folds"] = ["supply_sag", "warm_up", "supply_sag"]
-        found["next_experiment"][0].update(trials=160, expected_evidence=25.2)
+        [proposal] = found["next_experiment"]
+        proposal.update(trials=160, expected_evidence=25.2, trials_to_separate=needed)
 
     text = said(evidence, change)
     assert "gave the same answer in 2 of 3 folds" in text
     assert "( 160 trials, expected 2 ln B = 25 )." in text
     assert "supply sag (accepted) 900.0 0 nothing warm-up 300.0 50 supply voltage" in text
-
-    def endless(found):
-        change(found)
-        found["next_experiment"][0]["trials_to_separate"] = 50_000
-
-    assert "expected 2 ln B = 25" not in said(evidence, endless)
-    [ground, *_] = words.briefs(changed(evidence, endless))
-    assert "50000" not in ground.next
+    # where it would take too many trials, it is not proposed
+    assert "expected 2 ln B = 25" not in said(evidence, lambda found: change(found, 50_000))
+    [ground, *_] = words.briefs(changed(evidence, lambda found: change(found, 50_000)))
     assert ground.next
+    assert "50000" not in ground.next
 
 
 def test_the_number_of_each_assumption(evidence):
