@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,9 +28,10 @@ from nearlift.campaign.choices import Detect, LiftReading
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
 from nearlift.flight.quoted_lift import QuotedLifts
-from nearlift.results.document import IfAny, Real
 from nearlift.results.quotation import Results
 
+#: Row of a product, or an object of a JSON file.
+Row = dict[str, object]
 #: Draws of each model.
 DRAWS = 100
 #: Number of heights of the grid, geometrically spaced, and the lowest z_hat.
@@ -189,48 +190,6 @@ class HeightReading:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignificantHeight:
-    """Largest z_hat with a change of lift of at least `change` (a fraction), and its 90 % interval.
-
-    The interval is over draws of the model; nan where no measured height has such a change.
-    """
-
-    change: Real
-    z_hat: Real
-    lo90: Real
-    hi90: Real
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoundaryProximity:
-    """One boundary: model, sensor, range of significant change, and why lift cannot be inverted;
-    `lift_per_voltage` is |d ln L / d ln V|.
-    """
-
-    model: str
-    title: str
-    draws_from: str
-    effects: tuple[str, ...]
-    measured_z_hat: tuple[Real, Real]
-    largest_change: Real
-    significant: SignificantHeight
-    short_per_sqrt_Hz: Real
-    floor: Real
-    lift_per_voltage: Real
-    refused: IfAny[str] = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProximityResult:
-    """Content of proximity.json."""
-
-    schema: str = "nearlift.proximity/2"
-    false_alarm_rate: Real
-    miss_rate: Real
-    boundaries: Mapping[Boundary, BoundaryProximity]
-
-
 # ---- one boundary of a campaign
 
 
@@ -278,33 +237,35 @@ class BoundarySensor:
         """Refuse a lift of which the best estimate or any draw has one ratio at two heights."""
         refuse_folds(self.z_hat, self.ratios, f"{self.boundary} {self.lift.model.name}")
 
-    def summary(self) -> BoundaryProximity:
-        """Sensor and significant range, and whether lift can be inverted."""
-        lift, change, refused = self.lift, self.chosen.significant, None
+    def summary(self) -> Row:
+        """Entry in proximity.json: the sensor, the range of significant change, and why lift cannot
+        be inverted, where it cannot (`refused`). `lift_per_voltage` is |d ln L / d ln V|.
+        """
+        lift, change, refused = self.lift, self.chosen.significant, Row()
         try:
             self.refuse_ambiguous()
         except InputRefused as refusal:
-            refused = f"{refusal.what}; {refusal.remedy}"
+            refused["refused"] = f"{refusal.what}; {refusal.remedy}"
         z_hat, lo90, hi90 = ranges(self.z_hat, self.ratios, change)
-        return BoundaryProximity(
-            model=lift.model.name,
-            title=lift.title,
-            draws_from=Results.file,
-            effects=lift.effects,
-            measured_z_hat=lift.measured_z_hat,
-            largest_change=lift.largest_change,
-            significant=SignificantHeight(change=change, z_hat=z_hat, lo90=lo90, hi90=hi90),
-            short_per_sqrt_Hz=self.short,
-            floor=self.floor,
-            lift_per_voltage=self.sag_exponent,
-            refused=refused,
-        )
+        return {
+            "model": lift.model.name,
+            "title": lift.title,
+            "draws_from": Results.file,
+            "effects": lift.effects,
+            "measured_z_hat": lift.measured_z_hat,
+            "largest_change": lift.largest_change,
+            "significant": {"change": change, "z_hat": z_hat, "lo90": lo90, "hi90": hi90},
+            "short_per_sqrt_Hz": self.short,
+            "floor": self.floor,
+            "lift_per_voltage": self.sag_exponent,
+            **refused,
+        }
 
-    def rows(self) -> list[dict[str, object]]:
+    def rows(self) -> list[Row]:
         """Rows of detection.parquet: detection ranges over supplies, payloads, averaging times."""
         from scipy.special import ndtri
 
-        chosen, rows = self.chosen, list[dict[str, object]]()
+        chosen, rows = self.chosen, list[Row]()
         quantiles = -float(ndtri(chosen.false_alarm_rate) + ndtri(chosen.miss_rate))
         for voltage, payload, averaging_s in itertools.product(
             chosen.supply, chosen.payload, chosen.averaging
@@ -403,23 +364,23 @@ def read(quoted: QuotedLifts, reading: LiftReading) -> HeightReading:
 
 def proximity(
     quoted: QuotedLifts, say: Callable[[str], None]
-) -> tuple[list[dict[str, object]], ProximityResult, tuple[str, ...]]:
+) -> tuple[list[Row], Row, tuple[str, ...]]:
     """Rows of detection.parquet, content of proximity.json, and notes."""
     chosen = quoted.campaign.detect or Detect()
-    rows, boundaries = list[dict[str, object]](), dict[Boundary, BoundaryProximity]()
+    rows, boundaries = list[Row](), dict[Boundary, Row]()
     for boundary in quoted.boundaries:
         say(f"detect {boundary}")
         sensor = BoundarySensor(quoted, boundary)
         rows += sensor.rows()
         boundaries[boundary] = sensor.summary()
-    result = ProximityResult(
-        false_alarm_rate=chosen.false_alarm_rate,
-        miss_rate=chosen.miss_rate,
-        boundaries=boundaries,
-    )
+    content = {
+        "false_alarm_rate": chosen.false_alarm_rate,
+        "miss_rate": chosen.miss_rate,
+        "boundaries": boundaries,
+    }
     notes = (
-        f"{boundary}: distance cannot be inferred from lift: {entry.refused}"
+        f"{boundary}: distance cannot be inferred from lift: {entry['refused']}"
         for boundary, entry in boundaries.items()
-        if entry.refused
+        if "refused" in entry
     )
-    return rows, result, tuple(notes)
+    return rows, content, tuple(notes)

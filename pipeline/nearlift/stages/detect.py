@@ -44,7 +44,9 @@ DETECTION = Product(
         real("range_m", "m", "the same distance"),
     ),
 )
-PROXIMITY = Product(file="proximity.json", title="Where the boundary is, from lift", row="boundary")
+PROXIMITY = Product(
+    file="proximity.json", title="Where the boundary is, from lift", row="boundary", version=2
+)
 PROXIMITY_PRODUCTS = (DETECTION, PROXIMITY)
 
 
@@ -52,9 +54,9 @@ def run(job: Job) -> Outcome:
     """Write detection.parquet and proximity.json."""
     from nearlift.flight.proximity import proximity
 
-    rows, result, notes = proximity(quoted_lifts(job), job.say)
+    rows, content, notes = proximity(quoted_lifts(job), job.say)
     job.write(DETECTION, DETECTION.columns_of(rows))
-    job.write(PROXIMITY, result)
+    job.write(PROXIMITY, {"schema": PROXIMITY.schema, **content})
     return Outcome(notes=notes)
 
 
