@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.flight.export.lift_model import ModelExport, c_header, exported, python_module
+from nearlift.flight.export.lift_model import c_header, exported, python_module
 from nearlift.flight.quoted_lift import QuotedLift
 
 R = 0.023
@@ -53,16 +53,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         draws={"K_b": np.array([1.9, 2.0, 2.1])},
         measured_z_hat=(1.14, 11.5),
     )
-    whole = ModelExport(
-        campaign="my-rig",
-        nearlift="0",
-        trials_sha256="0",
-        date="unknown",
-        source="results.json",
-        rotor_radius_m=R,
-        held="throttle",
-        boundaries={"ground": exported(lift)},
-    )
+    about = dict.fromkeys(("nearlift", "trials_sha256", "date", "held", "source"), "x")
+    whole = about | {
+        "campaign": "my-rig",
+        "rotor_radius_m": R,
+        "boundaries": {"ground": exported(lift)},
+    }
     (out / "lift_model.h").write_text(c_header(whole))
     (out / "lift_model.py").write_text(python_module(whole))
     return out

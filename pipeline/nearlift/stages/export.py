@@ -11,13 +11,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from nearlift.campaign.manifest import boundaries_of
-from nearlift.flight.export.lift_model import (
-    ModelExport,
-    c_header,
-    exported,
-    json_schema,
-    python_module,
-)
+from nearlift.flight.export.lift_model import SCHEMA, c_header, exported, python_module
 from nearlift.results.document import as_json
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results
@@ -31,24 +25,25 @@ from nearlift.version import __version__
 DRAWS = 2000
 
 
-def model_export(job: Job) -> ModelExport:
+def model_export(job: Job) -> dict[str, object]:
     """Exported lift models, dated by the newest raw file: the same data give the same bytes."""
     quoted = quoted_lifts(job)
     lifts = {b: quoted.lift(b, DRAWS) for b in boundaries_of(quoted.results.boundaries)}
     raw = [p for name in job.inputs if (p := job.root / name).is_file()]
     newest = max((p.stat().st_mtime for p in raw), default=None)
-    return ModelExport(
-        campaign=job.campaign.name,
-        nearlift=__version__,
-        trials_sha256=tables.sha256(job.processed / TRIALS.file),
-        date=(
+    return {
+        "schema": SCHEMA,
+        "campaign": job.campaign.name,
+        "nearlift": __version__,
+        "trials_sha256": tables.sha256(job.processed / TRIALS.file),
+        "date": (
             "unknown" if newest is None else datetime.fromtimestamp(newest, UTC).date().isoformat()
         ),
-        source=Results.file,
-        rotor_radius_m=job.campaign.vehicle.rotor_radius,
-        held=job.campaign.rig.held,
-        boundaries={b: exported(lift) for b, lift in lifts.items()},
-    )
+        "rotor_radius_m": job.campaign.vehicle.rotor_radius,
+        "held": job.campaign.rig.held,
+        "boundaries": {b: exported(lift) for b, lift in lifts.items()},
+        "source": Results.file,
+    }
 
 
 def _save(job: Job, name: str, text: str) -> str:
@@ -66,8 +61,7 @@ def write_python(job: Job) -> str:
 
 
 def write_json(job: Job) -> str:
-    """lift_model.json with its schema."""
-    _save(job, "lift_model.schema.json", json.dumps(json_schema(), indent=1) + "\n")
+    """lift_model.json."""
     content = as_json(model_export(job))
     return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
