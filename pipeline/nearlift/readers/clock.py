@@ -83,10 +83,10 @@ def two_columns(names: tuple[str, ...]) -> list[tuple[str, str, float]]:
 
 def same_clock(name: str, column: str) -> bool:
     """Whether two names, the second perhaps without its group, may be of a clock in two columns."""
-    one, other = _IN_SECONDS.search(name), _IN_SECONDS.search(column)
-    if one is None or other is None:
+    # most columns are no clocks, and files may have thousands of names
+    if (asked := _IN_SECONDS.search(column)) is None or (part := _IN_SECONDS.search(name)) is None:
         return False
-    return name[: one.start()].lower().endswith(column[: other.start()].lower())
+    return name[: part.start()].lower().endswith(column[: asked.start()].lower())
 
 
 def joined(whole: FloatArray, fractions: FloatArray, unit_s: float) -> FloatArray | None:

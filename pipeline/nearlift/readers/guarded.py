@@ -78,7 +78,7 @@ class Guarded:
             return function(*arguments, **named)
         with self._lock:
             # a relative path is of the folder that is the current one now
-            asked = pickle.dumps((str(Path.cwd()), function, arguments, named))
+            asked = pickle.dumps((os.getcwd(), function, arguments, named))  # noqa: PTH109
             error, answer = self._answer(asked)
         if error is None:
             result: Answer = answer

@@ -52,24 +52,13 @@ NO_SAMPLES: FloatArray = np.empty(0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutPiece:
-    """One piece of a record: a trial.
+    """One piece of a record: a trial, or (number 0) a record without pieces.
 
-    Attributes
-    ----------
-    number : int
-        Number from 1 in the record's order; 0 for a record without pieces.
-    since_s : float
-        Time from the record's first sample to the piece's.
-    brought : mapping of str to float
-        Values in SI of the schedule's columns that the record holds.
-    covariates : mapping of str to (float, float)
-        Mean and scatter of each further column.
-    force_N : (n,) float array
-        Settled samples, tare not removed.
-    time_s : (n,) float array or None
-        Their clock, where there is one that can show gaps.
-    tare_N : (m,) float array
-        Samples of the piece's zero.
+    `number` is that in the record's order, from 1. `since_s` is the time from the record's first
+    sample to the piece's. `brought` are values in SI of the schedule's columns that the record
+    holds. `covariates` are mean and scatter of each further column. `force_N` (n,) are the settled
+    samples, tare not removed, `time_s` (n,) their clock, where one can show gaps, and `tare_N` (m,)
+    the samples of the piece's zero.
     """
 
     number: int = 0
@@ -83,8 +72,8 @@ class CutPiece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Segmented:
-    """A record cut into pieces. `record` is the whole of it, and `cuts` are its cuts, in samples of
-    the whole. `at_rest` counts the pieces that have no throttle, or are the tare.
+    """A record, its cuts in samples of the whole, and its pieces; `at_rest` counts those that have
+    no throttle, or are the tare.
     """
 
     record: Record
@@ -122,28 +111,28 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
     # by the manifest's own check
     assert section is not None
     assert rate is not None
-    channels, path = whole.contents.channels, root / whole.source
+    channels, where = whole.contents.channels, str(root / whole.source)
     head = min(round(campaign.tare_s * rate), n)
-    values, edges = _edges(campaign, section, whole, path, head, rate)
+    values, edges = _edges(campaign, section, whole, root / whole.source, head, rate)
     settle, shortest, length = (
         round(t * rate) for t in (section.settle, section.shortest, section.length or 0.0)
     )
     spans = cuts.settled(edges, settle, shortest, length or None)
-    _require_yield(spans, edges, settle, rate, str(path))
+    _require_yield(spans, edges, settle, rate, where)
     # the schedule's columns in the record, each with factor and offset to SI
     bring = {}
     for name, (column, key) in columns_from_record(section).items():
         at = "segments.column" if key == "segments" else f"{key}.column"
-        channel = pick(channels, column.column, at, str(path))
+        channel = pick(channels, column.column, at, where)
         bring[name] = channel, *column.linear(dimension_of(name), key)
     zeros: list[cuts.Span] = []
     if campaign.load_cell.tare == "level 0":
         level = {p: _middle("throttle", values[p.start : p.end]) for p in spans.pieces}
         lowest = min(level.values(), default=np.nan)
         zeros = [p for p in spans.pieces if level[p] <= lowest + section.tolerance]
-    known = {id(pick(channels, name, "", "")) for name in names_of(campaign, whole.trial)}
-    known |= {id(channel) for channel, _, _ in bring.values()}
-    further = [c for c in channels if id(c) not in known and len(c.values) == n]
+    known = {pick(channels, name, "", "").name for name in names_of(campaign, whole.trial)}
+    known |= {channel.name for channel, _, _ in bring.values()}
+    further = [c for c in channels if c.name not in known and len(c.values) == n]
     time_s, kept, notes = whole.time_s, np.ones(n, dtype=bool), whole.notes
     if time_s is not None:
         kept[1:] = (np.diff(time_s) != 0) | (np.diff(whole.force_N) != 0)
@@ -225,11 +214,10 @@ def _require_yield(
     spans: cuts.Cuts, edges: Sequence[cuts.Cut], settle: int, rate_Hz: float, where: str
 ) -> None:
     """Refuse a record of which hardly anything is kept, with what would keep half of it."""
-    whole = sum(b - a for a, b in edges)
-    kept = sum(p.end - p.first for p in spans.pieces)
-    if kept >= MIN_YIELD * whole and spans.pieces:
+    lengths = [b - a for a, b in edges]
+    kept, longest = sum(p.end - p.first for p in spans.pieces), max(lengths, default=0)
+    if kept >= MIN_YIELD * sum(lengths) and spans.pieces:
         return
-    longest = max((b - a for a, b in edges), default=0)
     if longest < FEWEST_SAMPLES:
         samples = f"{longest} sample{'s' * (longest != 1)}"
         what = f"no level holds for more than {samples}: it is a ramp, or each row is a mean"
@@ -240,7 +228,7 @@ def _require_yield(
         less //= 2
         enough = cuts.longest_shortest(edges, less)
     other = f' and settle = "{less / rate_Hz:.3g} s"' if less < settle else ""
-    lost, pieces = 100 * (1 - kept / max(whole, 1)), len(spans.pieces) + spans.short
+    lost, pieces = 100 * (1 - kept / max(sum(lengths), 1)), len(spans.pieces) + spans.short
     what = f"{spans.short} of {pieces} pieces are too short, with {lost:.0f} % of the samples"
     shortest = f'shortest = "{int(1000 * enough / rate_Hz) / 1000:g} s"{other}'
     raise InputRefused(where, what, f"{shortest} under [segments] would keep half of them")
@@ -264,8 +252,7 @@ def _less_zero(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[fl
     """Mean less that of the zero, and its standard error, in which slow noise is counted."""
     total, variance = 0.0, 0.0
     for sign, part in ((1.0, values), (-1.0, zero)):
-        known = part[np.isfinite(part)]
-        if len(known):
+        if len(known := part[np.isfinite(part)]):
             _, density, run = part_of(known, rate_Hz, tone=False)
             total += sign * run.mean
             variance += density / run.n
@@ -283,7 +270,7 @@ def _middle(name: str, values: FloatArray) -> float:
 def _mean_and_scatter(values: FloatArray) -> tuple[float, float]:
     known = values[np.isfinite(values)]
     scatter = float(known.std(ddof=1)) if len(known) > 1 else math.nan
-    return float(known.mean()) if len(known) else math.nan, scatter
+    return _middle("", known), scatter
 
 
 # ---- the schedule of all pieces
@@ -305,20 +292,16 @@ def schedule_of_trials(
     ids = list(rows["trial"].texts)
     cut = [(i, p) for i, record in enumerate(ids) for p in pieces.get(record) or [CutPiece()]]
     places, trials = [i for i, _ in cut], [piece for _, piece in cut]
-    columns = {
-        name: replace(
-            column,
-            texts=[column.texts[i] for i in places],
-            lines=[column.lines[i] for i in places] if column.lines else (),
-        )
-        for name, column in rows.items()
-    }
-    file, lines = columns["trial"].file, columns["trial"].lines
+    columns = {}
+    for name, column in rows.items():
+        lines = [column.lines[i] for i in places] if column.lines else ()
+        columns[name] = replace(column, texts=[column.texts[i] for i in places], lines=lines)
+    trial = columns["trial"]
     records = [ids[i] for i in places]
     names = [f"{r}#{p.number}" if p.number else r for r, p in zip(records, trials, strict=True)]
-    columns["trial"] = replace(columns["trial"], texts=names)
+    columns["trial"] = replace(trial, texts=names)
     # each record may have been set up differently
-    columns.setdefault("session", TextColumn("session", records, file, lines))
+    columns.setdefault("session", TextColumn("session", records, trial.file, trial.lines))
     for name in bring:
         values = np.array([piece.brought.get(name, np.nan) for piece in trials])
         if name == section.becomes and section.level and section.tolerance > 0:
@@ -326,7 +309,7 @@ def schedule_of_trials(
             _join_levels(values, section.tolerance * abs(factor) * (1 + 1e-9))
         texts = ["" if value != value else repr(value) for value in values.tolist()]
         unit = units.SI[dimension] if (dimension := dimension_of(name)) else ""
-        columns[name] = TextColumn(name, texts, file, lines, unit)
+        columns[name] = TextColumn(name, texts, trial.file, trial.lines, unit)
     schedule = of_columns(campaign, root, columns, notes, bring)
     covariates = dict(schedule.covariates)
     if "start_s" in covariates:
