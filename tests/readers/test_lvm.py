@@ -53,14 +53,3 @@ def test_a_damaged_lvm_is_refused_with_its_line(
     path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5, 3.5]).replace(*change))
     with pytest.raises(InputRefused, match=match):
         contents("lvm", path)
-
-
-def test_no_pickle_beside_an_lvm_is_opened(tmp_path: Path) -> None:
-    path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5]))
-    trap = written.put(
-        tmp_path,
-        "a.lvm.pkl",
-        b"cos\nsystem\n(S'touch " + str(tmp_path / "pwned").encode() + b"'\ntR.",
-    )
-    contents("lvm", path)
-    assert sorted(tmp_path.iterdir()) == [path, trap]
