@@ -13,16 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.readers.base import (
-    Channel,
-    Contents,
-    Names,
-    Reader,
-    RecordsDialect,
-    library,
-    unit_word,
-    wanted,
-)
+from nearlift.readers import base
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: A two-dimensional dataset with more columns than this is an image.
@@ -31,18 +22,18 @@ MOST_COLUMNS = 64
 RATES, STEPS = ("fs", "rate", "sampling_rate", "sample_rate"), ("wf_increment", "dt")
 
 
-def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The channels of an HDF5 file; any fault of the file is h5py's to raise."""
-    channels: list[Channel] = []
-    with library("h5py", "hdf5").File(path, "r") as file:
+    channels: list[base.Channel] = []
+    with base.library("h5py", "hdf5").File(path, "r") as file:
         held, notes = datasets(file)
         for name, item in held:
-            chosen = [column for column in _columns(name, item) if wanted(column[0], names)]
+            chosen = [column for column in _columns(name, item) if base.wanted(column[0], names)]
             unit, rate = _stated(item) if chosen else ("", None)
             for column, part, place in chosen:
                 values = np.asarray(part[place], dtype=np.float64).reshape(-1)
-                channels.append(Channel(name=column, unit=unit, rate_Hz=rate, values=values))
-    return Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
+                channels.append(base.Channel(name=column, unit=unit, rate_Hz=rate, values=values))
+    return base.Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
 
 
 def datasets(file: Any) -> tuple[list[tuple[str, Any]], list[str]]:
@@ -94,7 +85,7 @@ def _stated(item: Any) -> tuple[str, float | None]:
         with contextlib.suppress(KeyError, ValueError):
             if (number := float(texts[key])) > 0:
                 rate = 1 / number if key in STEPS else number
-    return unit_word(unit) or unit, rate
+    return base.unit_word(unit) or unit, rate
 
 
 def _text(value: Any) -> str:
@@ -103,7 +94,7 @@ def _text(value: Any) -> str:
     return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else str(plain)
 
 
-READER = Reader(
+READER = base.Reader(
     name="hdf5",
     title="HDF5: a file per trial, or one for all with datasets named by trial (extra)",
     recognises=lambda head, name: head.startswith(MAGIC) and not name.endswith(".mat"),

@@ -16,16 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.base import (
-    Channel,
-    Contents,
-    Names,
-    Reader,
-    RecordsDialect,
-    rate_of,
-    unit_word,
-    wanted,
-)
+from nearlift.readers import base
 from nearlift.readers.dialect import UNSTATED
 from nearlift.readers.files import content_of
 from nearlift.readers.table import Layout, Lines, parse
@@ -38,14 +29,14 @@ CLOCK, COMMENT = "X_Value", "Comment"
 #: The cells behind the keys of a header.
 Header = Mapping[str, Sequence[str]]
 #: The parts of a series, one for each segment: its clock, and its values with the stated rate.
-Parts = list[tuple[Channel, Channel]]
+Parts = list[tuple[base.Channel, base.Channel]]
 
 
-def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The channels of an LVM file; `InputRefused` of another file, or of a bad line."""
     content, where = content_of(path), str(path)
     if not content.strip(b"\0"):
-        return Contents(kind="LVM", codes=("EMPTY",))
+        return base.Contents(kind="LVM", codes=("EMPTY",))
     if not _is_lvm(content):
         remedy = "`nearlift inspect FILE` identifies it"
         raise InputRefused(f"{where}, line 1", f"is not {FIRST!r}: this is no LVM file", remedy)
@@ -68,7 +59,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     for start, end in itertools.pairwise([*starts, len(lines)]):
         cut |= _read_segment(lines[:end], start, separator, about, series, where)
     own_clocks = _cell(about, "X_Columns").casefold() == "multi"
-    channels: list[Channel] = []
+    channels: list[base.Channel] = []
     notes: list[str] = []
     for i, (name, parts) in enumerate(series.items()):
         clock, values = (
@@ -76,15 +67,15 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         )
         rate, shown = parts[-1][1].rate_Hz, len(clock) > 2 and np.isfinite(clock).all()
         if shown:
-            rate, note = _believed(rate, rate_of(clock))
+            rate, note = _believed(rate, base.rate_of(clock))
             notes.append(note)
         if shown and (own_clocks or i == 0):
             called = f"{name}.{CLOCK}" if own_clocks else CLOCK
-            channels.append(Channel(name=called, unit="s", rate_Hz=rate, values=clock))
+            channels.append(base.Channel(name=called, unit="s", rate_Hz=rate, values=clock))
         unit = parts[-1][1].unit
-        channels.append(Channel(name=name, unit=unit, rate_Hz=rate, values=values))
-    chosen = [c for c in channels if wanted(c.name, names)]
-    return Contents(
+        channels.append(base.Channel(name=name, unit=unit, rate_Hz=rate, values=values))
+    chosen = [c for c in channels if base.wanted(c.name, names)]
+    return base.Contents(
         channels=tuple(chosen or channels),
         kind="LVM",
         codes=("truncated",) * cut + ("NO_DATA",) * (not channels),
@@ -162,13 +153,13 @@ def _read_segment(
         kept = np.isfinite(values) | np.isfinite(clock) if several else slice(None)
         place = i - 1 if several else k
         unit, step = _cell(header, "Y_Unit_Label", place), _cell(header, "Delta_X", place)
-        one = Channel(
+        one = base.Channel(
             name=columns[i],
-            unit=unit_word(unit) or unit,
+            unit=base.unit_word(unit) or unit,
             rate_Hz=1 / step_s if (step_s := layout.value(step)) else None,
             values=values[kept],
         )
-        series[columns[i]].append((Channel(name=CLOCK, values=clock[kept]), one))
+        series[columns[i]].append((base.Channel(name=CLOCK, values=clock[kept]), one))
     stated = map(Layout().value, header.get("Samples", ()))
     promised = int(max((v for v in stated if v is not None and v >= 1), default=1))
     lasting = sum(map(bool, rows))
@@ -181,7 +172,7 @@ def _is_lvm(head: bytes, name: str = "") -> bool:
     return head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode())
 
 
-READER = Reader(
+READER = base.Reader(
     name="lvm",
     title="LabVIEW measurement text (LVM), one file per trial",
     recognises=_is_lvm,

@@ -14,15 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.readers.base import (
-    Channel,
-    Contents,
-    Names,
-    Reader,
-    RecordsDialect,
-    library,
-    wanted,
-)
+from nearlift.readers import base
 from nearlift.readers.files import head_of
 from nearlift.readers.hdf5 import MAGIC, MOST_COLUMNS, datasets
 
@@ -32,18 +24,18 @@ V73, V5 = b"MATLAB 7.3 MAT-file", b"MATLAB 5.0 MAT-file"
 Variable = tuple[str, Any]
 
 
-def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The channels of a MATLAB file; any fault of the file is scipy's or h5py's to raise."""
     head = head_of(path, 1024)
     newest = MAGIC in (head[:8], head[512:520])
-    channels: list[Channel] = []
+    channels: list[base.Channel] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         variables = [*(_v73(path) if newest else _v5(path))]
         for name, matrix in sorted(variables, key=lambda variable: variable[1] is None):
             channels += _table(path, name) if matrix is None else _columns(name, matrix)
-    chosen = tuple(c for c in channels if wanted(c.name, names))
-    return Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
+    chosen = tuple(c for c in channels if base.wanted(c.name, names))
+    return base.Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
 
 
 def _v5(path: Path) -> Iterator[Variable]:
@@ -73,7 +65,7 @@ def _flat(name: str, value: Any) -> Iterator[Variable]:
 
 
 def _v73(path: Path) -> Iterator[Variable]:
-    with library("h5py", "mat").File(path, "r") as file:
+    with base.library("h5py", "mat").File(path, "r") as file:
         for place, item in datasets(file)[0]:
             name, attributes = place.strip("/").replace("/", "."), item.attrs
             # MATLAB keeps under this name what references point to
@@ -92,18 +84,18 @@ def _v73(path: Path) -> Iterator[Variable]:
                 yield name, np.asarray(item[()]).T
 
 
-def _columns(name: str, matrix: Any) -> Iterator[Channel]:
+def _columns(name: str, matrix: Any) -> Iterator[base.Channel]:
     values = np.array(matrix, dtype=np.float64, order="F")
     if min(values.shape) <= 1:
-        yield Channel(name=name, values=values.reshape(-1))
+        yield base.Channel(name=name, values=values.reshape(-1))
     elif values.shape[1] <= MOST_COLUMNS:
         for i, column in enumerate(values.T, start=1):
-            yield Channel(name=f"{name}(:,{i})", values=column)
+            yield base.Channel(name=f"{name}(:,{i})", values=column)
 
 
-def _table(path: Path, name: str) -> Iterator[Channel]:
+def _table(path: Path, name: str) -> Iterator[base.Channel]:
     """The columns of a table or timetable, the time in s."""
-    table = library("matio", "mat").load_from_mat(str(path), variable_names=[name]).get(name)
+    table = base.library("matio", "mat").load_from_mat(str(path), variable_names=[name]).get(name)
     if table is None or not hasattr(table, "columns"):
         return
     index = table.index
@@ -111,13 +103,13 @@ def _table(path: Path, name: str) -> Iterator[Channel]:
         # durations, or dates: since the first
         since = index - index[0] if index.dtype.kind == "M" and len(index) else index
         seconds = since.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9
-        yield Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=seconds)
+        yield base.Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=seconds)
     for column in table.columns:
         if (values := table[column].to_numpy()).dtype.kind in "iuf":
-            yield Channel(name=f"{name}.{column}", values=values.astype(np.float64))
+            yield base.Channel(name=f"{name}.{column}", values=values.astype(np.float64))
 
 
-READER = Reader(
+READER = base.Reader(
     name="mat",
     title="MATLAB v4 to v7.3, structs, tables and timetables (extra)",
     recognises=lambda head, name: head.startswith((V5, V73)) or name.endswith(".mat"),

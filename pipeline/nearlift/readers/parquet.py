@@ -15,20 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import guarded
-from nearlift.readers.base import (
-    Channel,
-    Contents,
-    Names,
-    Reader,
-    Record,
-    RecordsDialect,
-    names_of,
-    one_clock,
-    pick,
-    record_of,
-    wanted,
-)
+from nearlift.readers import base, guarded
 from nearlift.readers.files import MARK, Piece, inside, source_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.table import floats
@@ -59,17 +46,17 @@ def _opened(path: Path) -> pq.ParquetFile:
     )
 
 
-def _numeric(schema: pa.Schema, names: Names) -> list[str]:
+def _numeric(schema: pa.Schema, names: base.Names) -> list[str]:
     """The wanted columns of numbers."""
     from pyarrow.types import is_floating, is_integer
 
     numbers = [field.name for field in schema if is_integer(field.type) or is_floating(field.type)]
-    return [name for name in numbers if wanted(name, names)]
+    return [name for name in numbers if base.wanted(name, names)]
 
 
-def _channels(table: pa.Table) -> tuple[Channel, ...]:
+def _channels(table: pa.Table) -> tuple[base.Channel, ...]:
     columns = zip(table.column_names, table.columns, strict=True)
-    return tuple(Channel(name=name, values=floats(c.combine_chunks())) for name, c in columns)
+    return tuple(base.Channel(name=name, values=floats(c.combine_chunks())) for name, c in columns)
 
 
 def spans(path: Path, asked: Mapping[str, str]) -> dict[str, tuple[int, int]]:
@@ -88,9 +75,9 @@ def spans(path: Path, asked: Mapping[str, str]) -> dict[str, tuple[int, int]]:
         if schema.names.count(TRIAL) != 1:
             what = f"has {'more than one' if TRIAL in schema.names else 'no'} column {TRIAL!r}"
             raise InputRefused(str(path), what, f"it has {', '.join(schema.names)}")
-        columns = [Channel(name=name, values=np.empty(0)) for name in schema.names]
+        columns = [base.Channel(name=name, values=np.empty(0)) for name in schema.names]
         for key, name in asked.items():
-            column = pick(columns, name, key, str(path)).name
+            column = base.pick(columns, name, key, str(path)).name
             if column not in _numeric(schema, None):
                 what = f"column {column!r} holds {schema.field(column).type}, not numbers"
                 raise InputRefused(str(path), what, "write it as integers or floats")
@@ -114,7 +101,7 @@ def spans(path: Path, asked: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     return dict(zip(firsts, itertools.pairwise([*firsts.values(), at]), strict=True))
 
 
-def rows(path: Path, names: Names, first: int, end: int) -> tuple[Channel, ...]:
+def rows(path: Path, names: base.Names, first: int, end: int) -> tuple[base.Channel, ...]:
     """The wanted columns from row `first` up to `end`."""
     import pyarrow as pa
 
@@ -134,14 +121,14 @@ def rows(path: Path, names: Names, first: int, end: int) -> tuple[Channel, ...]:
     return _channels(pa.Table.from_batches(batches))
 
 
-def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The numeric columns of a table, with a note where it has no column `trial`."""
     with _opened(path) as file:
         schema = file.schema_arrow
         channels = _channels(file.read(columns=_numeric(schema, names), use_threads=False))
     notes = ['it has no column "trial", which reader = "parquet" needs']
     notes = [] if TRIAL in schema.names else notes
-    return Contents(channels=channels, kind="Parquet", notes=tuple(notes))
+    return base.Contents(channels=channels, kind="Parquet", notes=tuple(notes))
 
 
 # ---- the reader
@@ -163,7 +150,7 @@ def trials(path: Path) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LongTable(Reader):
+class LongTable(base.Reader):
     """The reader of one table for all trials."""
 
     def places(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, Path]:
@@ -184,7 +171,7 @@ class LongTable(Reader):
         """Stretches of trials, each of at least `ROWS` rows."""
         [path] = {*self.places(campaign, root, trials).values()}
         keys = ("records.force.column", "records.time.column")
-        asked = dict(zip(keys, names_of(campaign, MARK), strict=False))
+        asked = dict(zip(keys, base.names_of(campaign, MARK), strict=False))
         held, listed = _asked(spans, path, asked), set(trials)
         other = [name for name in held if name not in listed]
         notes = [
@@ -203,14 +190,16 @@ class LongTable(Reader):
 
     def read_piece(
         self, campaign: Campaign, root: Path, piece: Piece, *, whole: bool = False
-    ) -> Iterator[Record]:
+    ) -> Iterator[base.Record]:
         """The piece's records in the plan's order."""
         path, first = piece.paths[0], piece.rows[0][0]
-        columns = _asked(rows, path, names_of(campaign, MARK), first, piece.rows[-1][1])
+        columns = _asked(rows, path, base.names_of(campaign, MARK), first, piece.rows[-1][1])
         for trial, (start, end) in zip(piece.trials, piece.rows, strict=True):
             part = slice(start - first, end - first)
-            read = Contents(channels=tuple(replace(c, values=c.values[part]) for c in columns))
-            yield record_of(campaign, one_clock(read), trial, str(path), source_of(root, path))
+            read = base.Contents(channels=tuple(replace(c, values=c.values[part]) for c in columns))
+            yield base.record_of(
+                campaign, base.one_clock(read), trial, str(path), source_of(root, path)
+            )
 
 
 def _piece(path: Path, spans: Mapping[str, tuple[int, int]]) -> Piece:

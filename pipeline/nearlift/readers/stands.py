@@ -29,16 +29,7 @@ import numpy as np
 
 from nearlift import units
 from nearlift.errors import InputRefused
-from nearlift.readers.base import (
-    AS_FORCE,
-    FORCE_UNITS,
-    Contents,
-    Names,
-    Reader,
-    RecordsDialect,
-    fold,
-    split_unit,
-)
+from nearlift.readers import base
 from nearlift.readers.dialect import Dialect
 from nearlift.readers.files import content_of
 from nearlift.readers.table import Layout
@@ -74,15 +65,17 @@ def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
 
 def _fits(name: str, form: str) -> bool:
     """Whether a name is of a form: shell wildcards, alternatives between bars."""
-    plain = fold(split_unit(name)[0])
+    plain = base.fold(base.split_unit(name)[0])
     return any(fnmatchcase(plain, one) for one in form.split("|"))
 
 
-def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def contents(
+    stand: Stand, path: Path, dialect: base.RecordsDialect, names: base.Names
+) -> base.Contents:
     """The channels of a file; refuses another header, or a line that is unlike it."""
     content = content_of(path)
     if not content.strip(b"\0"):
-        return Contents(kind=stand.title, codes=("EMPTY",))
+        return base.Contents(kind=stand.title, codes=("EMPTY",))
     if not _is_of(stand, content):
         what = f"has not the header of {stand.title}"
         remedy = '`nearlift inspect FILE` identifies it; another version may need reader = "text"'
@@ -99,7 +92,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     layout = Layout(
         trailing=trailing,
         names=tuple(columns),
-        units=tuple(split_unit(name)[1] for name in columns),
+        units=tuple(base.split_unit(name)[1] for name in columns),
         first=2,
         texts=tuple(i for i, name in enumerate(columns) if _fits(name, "app message")),
     )
@@ -109,13 +102,13 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
     return replace(file, kind=stand.title, codes=codes, notes=())
 
 
-def _dead(file: Contents, speeds: list[str]) -> bool:
+def _dead(file: base.Contents, speeds: list[str]) -> bool:
     """Whether there is lift, and all speeds, or one of more than two, read zero."""
     lifts = [
         units.to_si(unit, "force", c.name)[0] * float(np.nanmax(np.abs(c.values), initial=0.0))
         for c in file.channels
-        if re.search("thrust|weight|force fz", fold(c.name))
-        and (unit := AS_FORCE.get(c.unit, c.unit)) in FORCE_UNITS
+        if re.search("thrust|weight|force fz", base.fold(c.name))
+        and (unit := base.AS_FORCE.get(c.unit, c.unit)) in base.FORCE_UNITS
     ]
     still = [
         not np.nan_to_num(c.values).any()
@@ -127,8 +120,8 @@ def _dead(file: Contents, speeds: list[str]) -> bool:
     return some and max(lifts, default=0.0) >= MIN_LIFT_N
 
 
-def _reader(name: str, stand: Stand) -> Reader:
-    return Reader(
+def _reader(name: str, stand: Stand) -> base.Reader:
+    return base.Reader(
         name=name,
         title=f"{stand.title} CSV, one file per trial",
         contents=functools.partial(contents, stand),

@@ -14,16 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from nearlift.readers.base import (
-    Channel,
-    Contents,
-    Names,
-    Reader,
-    RecordsDialect,
-    library,
-    unit_word,
-    wanted,
-)
+from nearlift.readers import base
 from nearlift.readers.guarded import Malformed
 
 LEAD_IN, TAGS = 28, (b"TDSm", b"TDSh")
@@ -31,9 +22,9 @@ LEAD_IN, TAGS = 28, (b"TDSm", b"TDSh")
 UNFINISHED = 0xFFFFFFFFFFFFFFFF
 
 
-def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The channels of a TDMS file; `Malformed` where it contradicts its own structure."""
-    nptdms = library("nptdms", "tdms")
+    nptdms = base.library("nptdms", "tdms")
     channels = []
     # by handle: given a path, nptdms would use an index file next to it
     with path.open("rb") as file:
@@ -43,21 +34,21 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         tdms = nptdms.TdmsFile.open(file)
         for channel in (channel for group in tdms.groups() for channel in group.channels()):
             name, stated = f"{channel.group_name}/{channel.name}", channel.properties
-            if channel.dtype.kind not in "iuf" or not wanted(name, names):
+            if channel.dtype.kind not in "iuf" or not base.wanted(name, names):
                 continue
             unit = str(stated.get("unit_string") or stated.get("NI_UnitDescription") or "")
             step = stated.get("wf_increment")
             steady = isinstance(step, (int, float, np.number)) and float(step) > 0
             channels.append(
-                Channel(
+                base.Channel(
                     name=name,
-                    unit=unit_word(unit) or unit,
+                    unit=base.unit_word(unit) or unit,
                     rate_Hz=1 / float(step) if steady else None,
                     values=np.asarray(channel[:], dtype=np.float64),
                 )
             )
         cut = tdms.file_status.incomplete_final_segment or not is_whole(file)
-    return Contents(channels=tuple(channels), kind="TDMS", codes=("truncated",) if cut else ())
+    return base.Contents(channels=tuple(channels), kind="TDMS", codes=("truncated",) if cut else ())
 
 
 def is_whole(file: BinaryIO) -> bool:
@@ -78,7 +69,7 @@ def is_whole(file: BinaryIO) -> bool:
     return at == size
 
 
-READER = Reader(
+READER = base.Reader(
     name="tdms",
     title=(
         "TDMS of National Instruments: a file per trial, or one for all with groups named by trial"

@@ -25,16 +25,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.base import (
-    Channel,
-    Contents,
-    Names,
-    Reader,
-    RecordsDialect,
-    fitting,
-    parted,
-    pick,
-)
+from nearlift.readers import base
 from nearlift.readers.clock import is_time, seconds_of, two_columns
 from nearlift.readers.dialect import (
     OPTIONS,
@@ -131,7 +122,7 @@ def _without_labels(lines: Sequence[str], where: str, said: Dialect) -> tuple[li
         if not parts:
             remedy = f"lines above all others: skip = {i + 1} under [records] dialect"
             raise InputRefused(f"{where}, line {i + 1}", "has no label", remedy)
-        if parted(parts[-1].strip())[1]:
+        if base.parted(parts[-1].strip())[1]:
             pairs[-1] = [parts[-1].strip()]
         labels = (first.strip(), *(pair[1].strip() for pair in pairs if len(pair) > 1))
         names = names or labels
@@ -146,12 +137,12 @@ def _without_labels(lines: Sequence[str], where: str, said: Dialect) -> tuple[li
 # ---- reading
 
 
-def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The channels of a text file; `InputRefused` where no dialect fits, or a line breaks it."""
     return from_text(content_of(path), str(path), given(dialect), names)
 
 
-def csv_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def csv_contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The columns of plain CSV: commas and decimal points; without names, in any dialect."""
     try:
         return contents(path, {"separator": "comma", "decimal": "."} if names else {}, names)
@@ -163,10 +154,10 @@ def csv_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     raise InputRefused(f"{path}, line 1", "is not parted by commas", remedy)
 
 
-def sheet_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+def sheet_contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
     """The columns of numbers of the first sheet, read as the table that it would be as CSV."""
     content, (sheet, *others) = sheet_of(path)
-    columns = Contents()
+    columns = base.Contents()
     with contextlib.suppress(*([NoRows] if others else [])):
         said = given({"separator": "comma", **dialect})
         columns = from_text(content.encode(), str(path), said, names)
@@ -178,10 +169,10 @@ def sheet_contents(path: Path, dialect: RecordsDialect, names: Names) -> Content
     return replace(columns, kind=f"spreadsheet, sheet {sheet!r}{left_out}")
 
 
-def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Contents:
+def from_text(content: bytes, where: str, said: Dialect, names: base.Names) -> base.Contents:
     """The channels of a text in a dialect known in part."""
     if not content[:HEAD].strip(b"\0"):
-        return Contents(kind="text", codes=("EMPTY",))
+        return base.Contents(kind="text", codes=("EMPTY",))
     text = plain(content, where, said)
     for (stated, encoding, top), layout in list(_earlier.items()):
         known = (stated, encoding) == (text.said, text.encoding) and text.body.startswith(top)
@@ -201,7 +192,7 @@ def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Conten
     except NoRows:
         if text.body.count(b"\n") > 2:
             raise
-        return Contents(kind="text", codes=("NO_DATA", *["truncated"] * text.cut))
+        return base.Contents(kind="text", codes=("NO_DATA", *["truncated"] * text.cut))
     read = by_layout(text, layout, names, where)
     if len(_earlier) < MOST_KEPT:
         top = text.body.removesuffix(text.body.split(b"\n", layout.first - 1)[-1])
@@ -216,7 +207,7 @@ def _cells(rows: bytes, layout: Layout) -> list[str]:
     return []
 
 
-def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents:
+def by_layout(text: Plain, layout: Layout, names: base.Names, where: str) -> base.Contents:
     """The channels of a text in a known layout: those that `pick` may choose, or all.
 
     A column of times of day is read as seconds; notes name those that cannot be read.
@@ -226,7 +217,7 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     rows = Lines(body=body, where=where, line=layout.first)
     row = _cells(body[:HEAD].lstrip(b"\n"), layout)[: len(layout.names)]
     words = {i for i, cell in enumerate(row) if layout.value(cell) is None}
-    spelled = {i for i in words if is_time(row[i]) or parted(row[i])[1]}
+    spelled = {i for i in words if is_time(row[i]) or base.parted(row[i])[1]}
     if names is None:
         chosen = {*range(len(layout.names))} - ({*layout.texts} - spelled)
         notes += [
@@ -238,12 +229,12 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
             sure = "if letters are wrong, state `encoding` in dialect"
             notes.append(f"text read as {text.encoding}: {sure}")
     else:
-        chosen = {i for name in names for i in fitting(layout.names, name)}
+        chosen = {i for name in names for i in base.fitting(layout.names, name)}
         if not chosen:
-            channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
+            channels = [base.Channel(name=name, values=np.empty(0)) for name in layout.names]
             place = f"{where}, line {max(layout.first - 1, 1)}"
             # refuses: none of them fits
-            pick(channels, names[0], "records.force.column", place)
+            base.pick(channels, names[0], "records.force.column", place)
         for *pair, _ in two_columns(layout.names):
             places = {*map(layout.names.index, pair)}
             chosen |= places if places & chosen else set()
@@ -252,7 +243,7 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
     columns = {i: (layout.units[i], values) for i, values in zip(numbers, arrays, strict=True)}
     for i, cells in zip(others, texts, strict=True):
         name, is_clock = layout.names[i], is_time(row[i])
-        unit = "s" if is_clock else layout.units[i] or parted(row[i])[1]
+        unit = "s" if is_clock else layout.units[i] or base.parted(row[i])[1]
         values, bad = seconds_of(cells) if is_clock else _measured(cells, layout, unit)
         if bad is None:
             columns[i] = unit, values
@@ -265,9 +256,9 @@ def by_layout(text: Plain, layout: Layout, names: Names, where: str) -> Contents
         if names is not None:
             raise InputRefused(f"{where}, line {line}", what, CORRECT_LINE)
         notes.append(f"column {name!r} is not read: line {line} {what}")
-    return Contents(
+    return base.Contents(
         channels=tuple(
-            Channel(name=layout.names[i], unit=unit, values=values)
+            base.Channel(name=layout.names[i], unit=unit, values=values)
             for i, (unit, values) in sorted(columns.items())
         ),
         kind="text" + (f": {layout.spoken}" if layout.spoken else ""),
@@ -282,7 +273,7 @@ def _measured(cells: Sequence[str], layout: Layout, unit: str) -> tuple[FloatArr
     """
     values = np.full(len(cells), np.nan)
     for i, cell in enumerate(cells):
-        number, stated = parted(cell)
+        number, stated = base.parted(cell)
         value = layout.value(number)
         if value is None or (value == value and stated != unit):
             return values, i
@@ -290,7 +281,9 @@ def _measured(cells: Sequence[str], layout: Layout, unit: str) -> tuple[FloatArr
     return values, None
 
 
-def cells_of(content: bytes, where: str, dialect: RecordsDialect) -> tuple[Layout, list[list[str]]]:
+def cells_of(
+    content: bytes, where: str, dialect: base.RecordsDialect
+) -> tuple[Layout, list[list[str]]]:
     """The layout of a text and the cells of its rows; `InputRefused` where no dialect fits."""
     text = plain(content, where, given(dialect))
     layout = sniff(text.lines, where, text.said)
@@ -299,7 +292,7 @@ def cells_of(content: bytes, where: str, dialect: RecordsDialect) -> tuple[Layou
     return layout, [layout.row(line, f"{where}, line {i}") for i, line in kept]
 
 
-def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
+def words_of(path: Path, dialect: base.RecordsDialect, column: str) -> list[str]:
     """The cells of one column of a text, a row each; `InputRefused` if it is not there."""
     layout, rows = cells_of(content_of(path), str(path), dialect)
     if column not in layout.names:
@@ -310,7 +303,7 @@ def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
     return [row[place] for row in rows]
 
 
-TEXT = Reader(
+TEXT = base.Reader(
     name="text",
     title=(
         "delimited text in any usual dialect, or headerless numbers by recipe; one file per trial"
@@ -318,10 +311,10 @@ TEXT = Reader(
     contents=contents,
     options=OPTIONS,
 )
-CSV = Reader(
+CSV = base.Reader(
     name="csv", title="one CSV file per trial, columns by header name", contents=csv_contents
 )
-SHEET = Reader(
+SHEET = base.Reader(
     name="sheet",
     title="spreadsheet (xlsx, xls, ods): its first sheet; one file per trial",
     contents=sheet_contents,
