@@ -188,9 +188,11 @@ def test_files_in_the_folder_stay_and_both_endings_are_no_part_of_a_trials_name(
     for i in range(2):
         content = gzip.compress(written.rcbenchmark(FORCE))
         written.put(tmp_path, f"c/data/r.{i}.csv.gz", content)
+    listing = b"file,height_mm\nlogs/r.0.csv.gz,20\nlogs/r.1.csv.gz,30\n"
+    written.put(tmp_path, "c/data/list.csv", listing)
     manifest, rows, _ = new(tmp_path / "c", tmp_path / "c" / "data")
     assert manifest["records"]["files"] == "data/{trial}.csv.gz"
-    assert [row.partition(",")[0] for row in rows[1:]] == ["r.0", "r.1"]
+    assert rows[1:] == ["r.0,logs/r.0.csv.gz,20,4.01", "r.1,logs/r.1.csv.gz,30,4.01"]
     assert not (tmp_path / "c" / "trials").exists()
 
 

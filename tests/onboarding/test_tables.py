@@ -49,7 +49,7 @@ def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, uni
     assert tables["trials"]["units"]["lift"] == unit
     assert tables["trials"]["units"]["lift_sd"] == "gf"
     assert seen.table is not None
-    columns = seen.table.schedule(means=True).trials.columns.to_list()
+    columns = seen.table.schedule().trials.columns.to_list()
     assert columns == ["trial", "distance", "throttle", "lift", "lift_sd"]
 
 

@@ -17,7 +17,7 @@ from nearlift.campaign.manifest import BLANK
 from nearlift.errors import InputRefused, UsageError
 from nearlift.onboarding import proposal
 from nearlift.onboarding.inspection import COVARIATES, Inspection, inspect
-from nearlift.onboarding.tables import InputTable, ProposedSchedule, table_of
+from nearlift.onboarding.tables import InputTable, ProposedSchedule, table_of, trial_of
 from nearlift.readers import parquet
 from nearlift.readers.base import RecordsDialect
 from nearlift.readers.text import CSV, TEXT
@@ -87,7 +87,7 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
             " manifest of a campaign of forces",
         )
     if len(inspected) == 1 and first.table is not None and first.table.means:
-        made = _write(folder, proposal.for_means(), first.table.schedule(means=True), ())
+        made = _write(folder, proposal.for_means(), first.table.schedule(), ())
         return replace(made, notes=tuple(notes))
     if listing in paths:
         raise UsageError(
@@ -167,7 +167,7 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
         table = table_of(path, dialect) if others and path.is_file() else None
         if table is None:
             continue
-        _, lacking = table.ids({trial_of(other.name) for other in others})
+        _, lacking = table.ids({trial_of(other) for other in others})
         if not lacking:
             return others, table
         if 2 * len(lacking) < len(others):
@@ -216,7 +216,7 @@ def _places(
     copies = {} if inside else {folder / to: path for to, path in zip(places, paths, strict=True)}
     if is_long:
         return str(places[0]), parquet.trials(paths[0]), copies
-    trials = [trial_of(place.name) for place in places]
+    trials = [trial_of(Path(place)) for place in places]
     kinds = {(p.parent, p.name.removeprefix(t)) for p, t in zip(places, trials, strict=True)}
     if len(kinds) > 1:
         what = "the files lie in different folders, or have different suffixes"
@@ -226,12 +226,6 @@ def _places(
     return str(parent / f"{mark}{suffix}"), trials, copies
 
 
-def trial_of(name: str) -> str:
-    """Name of a file without its suffix, and without that of its compression."""
-    plain = name.removesuffix(".gz")
-    return plain.removesuffix(PurePosixPath(plain).suffix)
-
-
 # ---- the schedule
 
 
@@ -239,9 +233,7 @@ def _blank(header: list[str], trials: Sequence[str]) -> ProposedSchedule:
     """Schedule of these trials, with all other cells to fill in."""
     blank = pd.DataFrame(BLANK, index=range(len(trials)), columns=header)
     settings = [name for name in header if name in ("distance", "throttle")]
-    return ProposedSchedule(
-        trials=blank.assign(**{header[0]: trials}), units=dict.fromkeys(settings, "")
-    )
+    return ProposedSchedule(blank.assign(**{header[0]: trials}), dict.fromkeys(settings, ""))
 
 
 def _schedule(
@@ -254,8 +246,8 @@ def _schedule(
     wrapped = [f.path.name for f in inspected if f.wraps]
     swept, more = proposal.are_swept(inspected), []
     if table is not None:
-        header = "record" if swept else "trial"
-        schedule = table.schedule(table.ids(trials)[0] or trials, header=header)
+        ids = table.ids(trials)[0] or trials
+        schedule = table.schedule(ids, "record" if swept else "trial")
     elif swept:
         schedule = _blank(["record", "boundary", "distance"], trials)
         more = [f"trials.csv: boundary and distance of {len(trials)} records"]
@@ -268,10 +260,9 @@ def _schedule(
         taken = [name for name in COVARIATES if name in means and name not in schedule.units]
         cells = means[taken].map("{:.6g}".format).reindex(schedule.trials["trial"]).fillna("")
         further = inspected[0].further
-        schedule = replace(
-            schedule,
-            trials=schedule.trials.assign(**{name: cells[name].to_numpy() for name in taken}),
-            units={**schedule.units, **{name: further[name][1] for name in taken}},
+        schedule = ProposedSchedule(
+            schedule.trials.assign(**{name: cells[name].to_numpy() for name in taken}),
+            schedule.units | {name: further[name][1] for name in taken},
         )
         words = [f"{name}, the mean of {further[name][0].name!r}" for name in taken]
         notes += [f"trials.csv has from each record: {'; '.join(words)}"] if words else []

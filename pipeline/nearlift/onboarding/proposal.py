@@ -18,7 +18,7 @@ from nearlift.onboarding.inspection import UNNAMED, Inspection
 from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
 from nearlift.readers.base import AS_FORCE, FORCE_UNITS, rate_of
-from nearlift.schedule import BY_NAME, RADII
+from nearlift.schedule import BY_NAME, RADII, REQUIRED
 
 HERE = Path(__file__).parent
 #: Share of the rest head that is left as margin, and of the records that the margin is for.
@@ -99,7 +99,8 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
     doc = tomlkit.document()
     doc["trials"] = template()["trials"]
     trials: Any = doc["trials"]
-    if not schedule.ordered:
+    columns = schedule.trials.columns
+    if "lift" in columns and "start" not in columns:
         order = '"run": the rows are in run order; "unknown": a published table'
         _set(trials, "order", BLANK, order)
     given = trials["units"] = tomlkit.table()
@@ -111,10 +112,12 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
         unit = schedule.units["lift"] or "N"
         given.add(tomlkit.comment(f'lift_sd = "{unit}"     # standard deviation of a lift: needed'))
         given.add(tomlkit.comment("below 45 rows, as a column or as a constant: lift_sd = 0.1"))
-    if schedule.lacking:
+    # pieces of a record bring their throttle
+    brought = ["throttle"] * (columns[0] == "record")
+    if lacking := [name for name in REQUIRED[1:] if name not in {*columns, *brought}]:
         constants = trials["constants"] = tomlkit.table()
         constants.comment("the same for every trial")
-        constants.update(dict.fromkeys(schedule.lacking, BLANK))
+        constants.update(dict.fromkeys(lacking, BLANK))
     return doc
 
 

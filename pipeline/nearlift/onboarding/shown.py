@@ -73,7 +73,7 @@ def block(inspected: Inspection) -> str:
     if renamed:
         source = "FILE" if table.means else "RECORDS FILE"
         records += f"# `nearlift new DIR --from {source}` makes trials.csv of it ({renamed})\n"
-    return records + tomlkit.dumps(proposal.for_trials(table.schedule(means=table.means)))
+    return records + tomlkit.dumps(proposal.for_trials(table.schedule()))
 
 
 def described(inspected: Inspection) -> str:

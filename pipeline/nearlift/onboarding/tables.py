@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -24,7 +25,7 @@ from nearlift.readers.base import (
 from nearlift.readers.files import content_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
-from nearlift.schedule import BY_NAME, MEANS, REQUIRED
+from nearlift.schedule import BY_NAME, MEANS
 from nearlift.units import NUMBER
 
 #: Largest table that is taken for a schedule, bytes.
@@ -41,18 +42,11 @@ WITH_SD = re.compile(
 BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProposedSchedule:
-    """A trials.csv and the manifest's statements about it.
-
-    These are the `units` of its columns (empty: unknown), the columns that it is `lacking`, and
-    whether its rows are in run order.
-    """
+class ProposedSchedule(NamedTuple):
+    """A trials.csv, and the units of its columns (empty: unknown)."""
 
     trials: pd.DataFrame
-    units: Mapping[str, str]
-    lacking: tuple[str, ...] = ()
-    ordered: bool = True
+    units: dict[str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,8 +106,7 @@ class InputTable:
         alike = {fold(name): name for name in wanted}
         best: tuple[list[str], list[str]] = ([], [*wanted])
         for _, cells in self.cells.items():
-            stems = cells.map(lambda cell: Path(cell).stem if Path(cell).suffix else cell)
-            for candidate in (cells, stems):
+            for candidate in (cells, cells.map(lambda cell: trial_of(Path(cell)))):
                 rows = candidate.to_list()
                 if len(alike) == len(wanted):
                     rows = [alike.get(fold(row), row) for row in rows]
@@ -121,31 +114,30 @@ class InputTable:
                 best = min(best, (rows, lacking), key=lambda column: len(column[1]))
         return best
 
-    def schedule(
-        self, ids: Sequence[str] | None = None, *, means: bool = False, header: str = "trial"
-    ) -> ProposedSchedule:
-        """Schedule of this table, with its lifts for `means`.
+    def schedule(self, ids: Sequence[str] = (), header: str = "trial") -> ProposedSchedule:
+        """Schedule of this table.
 
-        `ids` are the trial or record of every row; by default its own, or counted. `header` is
-        ``"record"`` where a row is a record, whose pieces bring their throttle.
+        `ids` are the records of its rows; without them the table has its lifts, and its trials are
+        its own, or counted. `header` is ``"record"`` where records bring their throttle.
         """
-        if ids is None:
+        left_out = {"trial", header, *["throttle"] * (header == "record")}
+        if ids or not self.means:
+            left_out |= {*MEANS}
+        if not ids:
             stated = self.cells.get("trial", pd.Series("", self.cells.index))
             named = stated.is_unique and stated.all()
             ids = stated.to_list() if named else [str(i + 1) for i in range(len(stated))]
-        brought = ["throttle"] * (header == "record")
-        left_out = {"trial", header, *brought, *(() if means else MEANS)}
         # names of files stay, under their own heading
         listed = self.cells.rename(columns={"trial": self.written.get("trial", "trial")})
         trials = listed.drop(columns=left_out, errors="ignore")
         trials.insert(0, header, ids)
-        kept = {name: unit for name, unit in self.units.items() if name not in left_out}
-        return ProposedSchedule(
-            trials=trials,
-            units={n: unit for n, unit in kept.items() if BY_NAME[n].kind == "quantity"},
-            lacking=tuple(n for n in REQUIRED[1:] if n not in {*self.units, *brought}),
-            ordered=not means or "start" in self.units,
-        )
+        units = {n: u for n, u in self.units.items() if BY_NAME[n].kind == "quantity"}
+        return ProposedSchedule(trials, {n: u for n, u in units.items() if n in trials})
+
+
+def trial_of(file: Path) -> str:
+    """Name of a file without its suffix, and without that of its compression."""
+    return Path(file.name.removesuffix(".gz")).stem
 
 
 def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
