@@ -135,7 +135,7 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
             theta[some] = minimise(system, theta[some], MODEL.bounds, scale).theta
         return theta
 
-    # so many that the compiled code is loaded before the clock starts
+    # modules are loaded before the clock starts
     work(300)
     return timed(work)
 

@@ -112,7 +112,12 @@ class Covariance:
             height, variance = (x[self.order][block] for x in (self.per_visit, self.variance))
             covariance = height[:, :, None] * height[:, None] + self.common**2
             covariance += variance[:, None] * np.eye(block.shape[1])
-            values.append(np.linalg.inv(np.linalg.cholesky(covariance))[:, i, j].ravel())
+            try:
+                root = np.linalg.inv(np.linalg.cholesky(covariance))
+            except np.linalg.LinAlgError:
+                # of variances 1e16 apart the recursion makes nan, which solvers refuse
+                return None
+            values.append(root[:, i, j].ravel())
             rows.append(block[:, i].ravel())
             columns.append(block[:, j].ravel())
         place = np.concatenate(rows), np.concatenate(columns)
