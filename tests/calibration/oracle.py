@@ -36,6 +36,18 @@ class Fit:
         return self.theta[name] - q * self.u[name], self.theta[name] + q * self.u[name]
 
 
+def winsorised(x: Array, target: Array, inverse: Array) -> tuple[Array, Array, float]:
+    """Least squares with residuals beyond `CLIP` robust deviations pulled in: the solution, its
+    residuals, and the limit.
+    """
+    move = inverse @ target
+    for _ in range(4):
+        left = target - x @ move
+        limit = CLIP * 1.4826 * float(np.median(np.abs(left)))
+        move = move + inverse @ np.clip(left, -limit, limit)
+    return move, target - x @ move, limit
+
+
 def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | None = None) -> Fit:
     """Fit the base model with the true forms of `kinds` (all that are in the campaign if None) to
     `rows` (all if None).
@@ -44,65 +56,45 @@ def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | 
     kinds = tuple(truth.amplitudes) if kinds is None else kinds
     pieces = [forms.form(k, campaign.spec.foreign) for k in kinds]
     names = tuple(truth.theta)
+    p, levels = len(names), campaign.indicator.shape[1]
     rows = np.arange(campaign.data.n) if rows is None else rows
     log_inf = np.log(setting.levels_N)[setting.bench.level]
     y = np.log(campaign.data.lift_N)
     white = campaign.whitener if len(rows) == campaign.data.n else campaign.whitener.of(rows)
 
-    def predict(p: Array) -> Array:
-        at = replace(setting, theta=dict(zip(names, p[: len(names)].tolist(), strict=True)))
-        return (log_lift(at, tuple(zip(pieces, p[len(names) :].tolist(), strict=True))) - log_inf)[
-            campaign.keep
-        ]
+    def predict(x: Array) -> Array:
+        at = replace(setting, theta=dict(zip(names, x[:p].tolist(), strict=True)))
+        each = tuple(zip(pieces, x[p:].tolist(), strict=True))
+        return (log_lift(at, each) - log_inf)[campaign.keep]
 
     at = np.array([*truth.theta.values(), *(truth.amplitudes[k] for k in kinds)])
-    low = np.array([LIMITS[n][0] for n in names] + [min(3 * x, 0.0) for x in at[len(names) :]])
-    high = np.array([LIMITS[n][1] for n in names] + [max(3 * x, 0.0) for x in at[len(names) :]])
+    low = np.array([LIMITS[n][0] for n in names] + [min(3 * x, 0.0) for x in at[p:]])
+    high = np.array([LIMITS[n][1] for n in names] + [max(3 * x, 0.0) for x in at[p:]])
     # an effect from which the data are silent must still have some slope
-    steps = 1e-4 * np.maximum(np.abs(at), 1e-9)
+    steps = np.diag(1e-4 * np.maximum(np.abs(at), 1e-9))
     for _ in range(8):
         now = predict(at)
-        slopes = np.stack(
-            [
-                (predict(at + s * e) - predict(at - s * e)) / (2 * s)
-                for s, e in zip(steps, np.eye(len(at)), strict=True)
-            ],
-            axis=1,
-        )
-        design = np.hstack([campaign.indicator, slopes])
+        slopes = [(predict(at + s) - predict(at - s)) / (2 * s.sum()) for s in steps]
+        design = np.column_stack([campaign.indicator, *slopes])
         x = white(design[rows])
         scale = np.maximum(np.sqrt((x**2).sum(axis=0)), 1e-300)
         inverse = np.linalg.pinv(x / scale, rcond=1e-9) / scale[:, None]
-        target = white((y - now)[rows])
-        move = inverse @ target
-        for _ in range(4):
-            left = target - x @ move
-            spread = 1.4826 * np.median(np.abs(left))
-            pseudo = np.clip(left, -CLIP * spread, CLIP * spread)
-            move = move + inverse @ pseudo
-        new = np.clip(at + move[campaign.indicator.shape[1] :], low, high)
+        move, _, _ = winsorised(x, white((y - now)[rows]), inverse)
+        new = np.clip(at + move[levels:], low, high)
         done = np.allclose(new, at, rtol=1e-5, atol=1e-10)
         at = new
         if done:
             break
     now = predict(at)
-    # levels re-solved where the coefficients stand, lest two iterates mix
-    target, flat = white((y - now)[rows]), white(campaign.indicator[rows])
-    levels = np.linalg.lstsq(flat, target, rcond=None)[0]
-    for _ in range(4):
-        left = target - flat @ levels
-        spread = 1.4826 * np.median(np.abs(left))
-        levels = (
-            levels
-            + np.linalg.lstsq(flat, np.clip(left, -CLIP * spread, CLIP * spread), rcond=None)[0]
-        )
-    left = target - flat @ levels
-    pseudo = np.clip(left, -CLIP * spread, CLIP * spread)
+    # levels are solved again at these coefficients, lest two iterates mix
+    flat = white(campaign.indicator[rows])
+    level, left, limit = winsorised(flat, white((y - now)[rows]), np.linalg.pinv(flat))
+    pulled = np.clip(left, -limit, limit)
     dof = len(rows) - design.shape[1]
-    factor = float((pseudo**2).sum() / dof / np.mean(np.abs(left) < CLIP * spread) ** 2)
-    u = np.sqrt(factor * np.maximum((inverse**2).sum(axis=1), 0))[campaign.indicator.shape[1] :]
-    predicted = now + campaign.indicator @ levels
-    theta, sd = (dict(zip(names, v[: len(names)].tolist(), strict=True)) for v in (at, u))
+    factor = float((pulled**2).sum() / dof / np.mean(np.abs(left) < limit) ** 2)
+    u = np.sqrt(factor * np.maximum((inverse**2).sum(axis=1), 0))[levels:]
+    predicted = now + campaign.indicator @ level
+    theta, sd = (dict(zip(names, v[:p].tolist(), strict=True)) for v in (at, u))
     return Fit(theta=theta, u=sd, predicted=predicted, residuals=y - predicted)
 
 

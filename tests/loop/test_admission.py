@@ -6,14 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.unit.simulated import campaign
+from tests.unit.simulated import GROUND, campaign
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop.admission import could_act
 from nearlift.loop.diagnose import Options, diagnose
-
-GROUND = catalogue.model("sanchez_cuevas")
 
 
 def test_a_zero_drift_of_a_large_rig_is_named() -> None:

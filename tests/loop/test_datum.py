@@ -7,27 +7,25 @@ import dataclasses
 import numpy as np
 import pytest
 from tests.fit.test_height_error import CEILING, NEAR, datum, near_ceiling
-from tests.unit.simulated import L_INF, campaign, hsiao
+from tests.unit.simulated import GROUND, L_INF, campaign, hsiao, problem
 
 from nearlift import catalogue
 from nearlift.declare import compose
 from nearlift.effects.ratio import near_wall_saturation
 from nearlift.fit.least_squares import fit
 from nearlift.loop import coefficients, confirmation
-from nearlift.loop.diagnose import decide, diagnose, set_up
+from nearlift.loop.diagnose import decide, diagnose
 from nearlift.loop.findings import accepted_explanation
 from nearlift.loop.search_problem import Options
-
-GROUND = catalogue.model("sanchez_cuevas")
 
 
 def test_visits_left_out_are_predicted_with_the_declared_errors_that_they_share():
     """0.1 mm off under a ceiling at 2.3 mm: to the noise where it is declared, and not without."""
     off, right = near_ceiling(3, off_m=1e-4, visits=15), near_ceiling(3, visits=15)
     declared, undeclared, quiet = (
-        np.sqrt(np.mean(confirmation.held_out(problem, None).before ** 2))
-        for problem in (
-            set_up(data, CEILING, parts, Options())[0]
+        np.sqrt(np.mean(confirmation.held_out(searched, None).before ** 2))
+        for searched in (
+            problem(data, CEILING, parts)
             for data, parts in ((off, (datum(1e-4),)), (off, ()), (right, ()))
         )
     )
@@ -39,10 +37,10 @@ def test_an_error_of_each_session_is_estimated_from_its_own_trials():
     data = campaign(4, visits=15, session_gain=0.02)
     gain = dataclasses.replace(datum(0.02), on="gain", scope="session")
     errors = [
-        np.sqrt(np.nanmean(confirmation.held_out(problem, None).before ** 2))
-        for problem in (
-            set_up(data, GROUND, (gain,), Options())[0],
-            set_up(campaign(4, visits=15), GROUND, (), Options())[0],
+        np.sqrt(np.nanmean(confirmation.held_out(searched, None).before ** 2))
+        for searched in (
+            problem(data, GROUND, (gain,)),
+            problem(campaign(4, visits=15)),
         )
     ]
     assert errors[0] == pytest.approx(errors[1], rel=0.1)
@@ -52,7 +50,7 @@ def test_an_error_of_each_session_is_estimated_from_its_own_trials():
 def test_under_a_ceiling_the_loop_and_the_exact_fit_agree(off_m):
     data, parts = near_ceiling(3, off_m=off_m, visits=6), (datum(0.5e-3),)
     exact = fit(CEILING, data, parts)
-    found = set_up(data, CEILING, parts, Options())[0].base_fit
+    found = problem(data, CEILING, parts).base_fit
     assert found.vector[1] == pytest.approx(exact.problem.offset_m, abs=3e-5)
     assert found.vector[0] == pytest.approx(exact.theta[0], abs=0.25 * exact.estimates["alpha"].u)
 
@@ -68,9 +66,9 @@ def test_the_accepted_explanation_draws_what_was_measured():
     data = campaign(
         1, boundary="ceiling", ratio=saturated, stations=NEAR, visits=8, height=5e-5, datum=1e-4
     )
-    problem = set_up(data, CEILING, (datum(1e-4),), Options())[0]
-    assert "height_offset" not in {e.name for e in problem.effects}
-    answer = decide(problem, False, 0.05)
+    searched = problem(data, CEILING, (datum(1e-4),))
+    assert "height_offset" not in {e.name for e in searched.effects}
+    answer = decide(searched, False, 0.05)
     accepted = accepted_explanation(answer, coefficients.answers(answer))
     assert accepted.effects == ("near_wall_saturation",)
     values = {name: e.value for name, e in accepted.parameters.items()}
@@ -97,7 +95,7 @@ def test_a_null_under_a_ceiling_with_a_wrong_datum_is_adequate():
 
 def test_no_trial_is_moved_through_the_boundary():
     data = near_ceiling(3, off_m=-1.2e-3, visits=6)
-    problem = set_up(data, CEILING, (datum(2e-3),), Options())[0]
-    assert problem.base_fit.vector[1] == pytest.approx(-1.2e-3, abs=0.1e-3)
-    low, _ = problem.candidate().bounds
+    searched = problem(data, CEILING, (datum(2e-3),))
+    assert searched.base_fit.vector[1] == pytest.approx(-1.2e-3, abs=0.1e-3)
+    low, _ = searched.candidate().bounds
     assert low[1] == pytest.approx(-0.9 * 0.1 * data.radius_m)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.simulated import campaign, findings, sanchez_cuevas
+from tests.unit.simulated import GROUND, campaign, findings, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.loop import discrepancy
@@ -14,7 +14,6 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import indicators, powers
 from nearlift.loop.search_problem import Options
 
-GROUND = catalogue.model("sanchez_cuevas")
 EFFECTS = tuple(
     e for e in catalogue.effects() if e.name in ("supply_sag", "session_gain", "gain_drift")
 )

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.simulated import campaign, hsiao
+from tests.unit.simulated import campaign, hsiao, problem
 
 from nearlift import catalogue
 from nearlift.errors import UsageError
-from nearlift.loop.diagnose import set_up
-from nearlift.loop.search_problem import Options
 
 CEILING = catalogue.model("hsiao_chirarattananon")
 STATIONS = (0.1, 0.13, 0.17, 0.22, 0.3, 0.45, 0.7, 1.1, 2.0, 4.0)
@@ -25,7 +23,7 @@ def cut_off():
     data = campaign(
         3, boundary="ceiling", ratio=ratio, stations=STATIONS, relative=0.002, height=0.0
     )
-    return set_up(data, CEILING, (), Options())[0]
+    return problem(data, CEILING)
 
 
 def test_the_likeliest_form_is_kept_and_evidence_is_the_mean_over_forms(cut_off):

@@ -6,15 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.unit.simulated import RADIUS, campaign, sanchez_cuevas
+from tests.unit.simulated import RADIUS, campaign, problem, sanchez_cuevas
 
-from nearlift import catalogue
 from nearlift.loop import search
-from nearlift.loop.diagnose import set_up
 from nearlift.loop.random_walk_gain import SIZES, bic_penalty, likeliest, log_evidence_gain, waves
-from nearlift.loop.search_problem import Options
 
-GROUND = catalogue.model("sanchez_cuevas")
 SEEDS = range(3)
 
 
@@ -35,7 +31,7 @@ def drift(rms):
 
 
 def answer(data):
-    return search.search_to_convergence(set_up(data, GROUND, (), Options())[0])
+    return search.search_to_convergence(problem(data))
 
 
 @pytest.mark.nightly
@@ -88,7 +84,7 @@ def test_the_likeliest_size_is_that_of_the_dense_likelihood():
 
 @pytest.mark.parametrize("lost", ["order", "visits"])
 def test_without_an_order_or_with_few_visits_nothing_wanders(lost):
-    data = set_up(campaign(0, visits=8), GROUND, (), Options())[0].data
+    data = problem(campaign(0, visits=8)).data
     data = (
         dataclasses.replace(data, ordered=False) if lost == "order" else data.take(data.visit < 15)
     )

@@ -6,20 +6,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.unit.simulated import campaign
+from tests.unit.simulated import campaign, problem
 
 from nearlift import catalogue
 from nearlift.loop.candidate_fit import search
-from nearlift.loop.diagnose import set_up
-from nearlift.loop.search_problem import Options
-
-GROUND = catalogue.model("sanchez_cuevas")
 
 
 @pytest.fixture(scope="module")
 def stage():
     data = campaign(3, visits=3, gain=lambda known: (known["supply_V"] / 3.8) ** 0.5)
-    return set_up(data, GROUND, (), Options())[0]
+    return problem(data)
 
 
 def by_hand(stage, candidate, shape):

@@ -5,15 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from tests.unit.simulated import campaign
+from tests.unit.simulated import campaign, problem
 
-from nearlift import catalogue
 from nearlift.loop import weigh
-from nearlift.loop.diagnose import set_up
 from nearlift.loop.search import Answer, search_to_convergence
-from nearlift.loop.search_problem import Options
-
-GROUND = catalogue.model("sanchez_cuevas")
 
 
 def sagging(covariates):
@@ -27,7 +22,7 @@ def first_of_a_visit_low(covariates):
 @cache
 def answer(gain=None) -> Answer:
     data = campaign(1, gain=gain)
-    return search_to_convergence(set_up(data, GROUND, (), Options())[0])
+    return search_to_convergence(problem(data))
 
 
 def likeliest(found):
