@@ -10,7 +10,6 @@ whole file by more than its u, without a code.
 from __future__ import annotations
 
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -77,11 +76,8 @@ def damages(content: bytes, tries: dict[str, int]) -> Iterator[tuple[str, bytes]
 def rig(name: str) -> Campaign:
     """A campaign of files as `tests.unit.written` writes them."""
     _, column, unit, suffix = written.WRITERS[name]
-    records = {
-        "reader": name,
-        "files": f"{{trial}}.{suffix}",
-        "force": {"column": column, "unit": unit, "sign": 1},
-    }
+    force = {"column": column, "unit": unit, "sign": 1}
+    records = {"reader": name, "files": f"{{trial}}.{suffix}", "force": force}
     if name != "csv":
         records["dialect"] = {"ignore_rate": True}
     cell = {"sample_rate": f"{RATE:g} Hz", "tare": f"{TARE / RATE:g} s", "range": None}
@@ -94,14 +90,9 @@ def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[row
     for name, content in zip(names, contents, strict=True):
         written.put(folder, str(campaign.records.files).replace("{trial}", name), content)
     pieces, _ = reader(campaign.records.reader).plan(campaign, folder, names)
-    return [
-        row
-        for piece in pieces
-        for answer in rows.reduce_piece(
-            rows.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, digests={})
-        )
-        for row in answer.rows
-    ]
+    common = {"root": folder, "campaign": campaign, "tare_after_N": {}, "digests": {}}
+    tasks = (rows.Task(piece=piece, **common) for piece in pieces)
+    return [row for task in tasks for answer in rows.reduce_piece(task) for row in answer.rows]
 
 
 def fate(row: rows.Row, lift_N: float) -> str:
@@ -118,19 +109,16 @@ def fate(row: rows.Row, lift_N: float) -> str:
 
 def bytes_to_rows(folder: Path, tries: dict[str, int] = TRIES) -> pd.DataFrame:
     """Fates of damaged files: a line for each format, columns (kind of damage, fate)."""
-    lines = {}
+    columns = pd.MultiIndex.from_product([tries, FATES])
+    lines = pd.DataFrame(0, index=list(written.WRITERS), columns=columns)
     for name, (save, *_) in written.WRITERS.items():
         content = save(FORCE)
         kinds, contents = zip(*damages(content, tries), strict=True)
         whole, *damaged = reduced(rig(name), folder / name, [content, *contents])
         assert not whole["codes"]
-        fates = [fate(row, whole["lift_N"]) for row in damaged]
-        lines[name] = Counter(zip(kinds, fates, strict=True))
-    return pd.DataFrame(
-        [[count[kind, f] for kind in tries for f in FATES] for count in lines.values()],
-        index=list(lines),
-        columns=pd.MultiIndex.from_product([tries, FATES]),
-    )
+        for kind, row in zip(kinds, damaged, strict=True):
+            lines.loc[name, (kind, fate(row, whole["lift_N"]))] += 1
+    return lines
 
 
 # ---- the tare
@@ -215,12 +203,13 @@ def tare_glitches(n: int, glitch: Glitch, tries: int = 100) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-NOISES = {
-    "white": {},
-    "AR(1) at 0.9": {"chain": True},
-    "50 Hz of 10 times the noise": {"hum": True},
-    "a step of the converter as large as the noise": {"step": 1.0},
-    "ten times as large": {"step": 10.0},
+#: Noises of clean tares: correlation, hum and converter step, in its standard deviation.
+NOISES: dict[str, tuple[float, float, float]] = {
+    "white": (0.0, 0.0, 0.0),
+    "AR(1) at 0.9": (0.9, 0.0, 0.0),
+    "50 Hz of 10 times the noise": (0.0, 14.0, 0.0),
+    "a step of the converter as large as the noise": (0.0, 0.0, 1.0),
+    "ten times as large": (0.0, 0.0, 10.0),
 }
 
 
@@ -229,22 +218,21 @@ def false_alarms(tries: int) -> pd.DataFrame:
     rng, counts = np.random.default_rng(4), {}
     for n in TARES:
         clock = 2 * np.arange(n) / n
-        for name, how in NOISES.items():
+        for name, (correlation, hum, step) in NOISES.items():
             flagged = 0
             for _ in range(tries):
                 force = rng.standard_normal(3 * n + 200)
-                if "chain" in how:
-                    force = lfilter([0.19**0.5], [1, -0.9], force)
+                if correlation:
+                    force = lfilter([(1 - correlation**2) ** 0.5], [1, -correlation], force)
                 force = force[200:]
-                if "hum" in how:
-                    force[:n] += 14 * np.sin(2 * np.pi * (50 * clock + rng.random()))
+                if hum:
+                    force[:n] += hum * np.sin(2 * np.pi * (50 * clock + rng.random()))
                 force[n:] += 1e4  # so large that no drift of the live part is one
-                if "step" in how:
-                    force = how["step"] * np.round(force / how["step"] + rng.random())
+                if step:
+                    force = step * np.round(force / step + rng.random())
                 codes = {*_reduced(force, n).codes}
-                flagged += "STUCK" not in codes and bool(
-                    codes & {"TARE", "drift", "DRIFT", "spikes"}
-                )
+                alarms = codes & {"TARE", "drift", "DRIFT", "spikes"}
+                flagged += "STUCK" not in codes and bool(alarms)
             counts[name, n] = flagged
     return pd.Series(counts).unstack(sort=False)
 
