@@ -2,8 +2,7 @@
 
 A new format is one file with one `Reader` in it: a function from a file to its channels. The reader
 plans which trials are in which files, without reading samples, then reads one `Piece` of the plan
-at a time. Pieces are small values that can be sent to another process. Whatever a file holds, its
-trial has a record.
+at a time, in any process. Whatever a file holds, its trial has a record.
 
 One file holds one trial (``files = "trials/{trial}.tdms"``), or all trials, in channels that carry
 the trial's id (``files = "all.h5"``, ``column = "/{trial}/force"``).
@@ -341,22 +340,13 @@ def _channel(contents: Contents, quantity: str, column: str, unit: str, where: s
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reader:
-    """One outside format.
+    """One outside format: its name in ``[records] reader``, and a title for the catalogue.
 
-    Attributes
-    ----------
-    name, title : str
-        Name in ``[records] reader``, and one line for the catalogue.
-    contents : callable or None
-        ``contents(path, dialect, names)``, a function of a module: the channels of one file, at
-        least those that `names` may mean. None for `means`, a format without samples.
-    recognises : callable
-        ``recognises(head, name)``: whether a file with these first bytes and this name is certainly
-        of this format.
-    options : mapping of str to type
-        Keys of ``[records] dialect``.
-    guarded : bool
-        Whether a library parses the file, in a process of its own (`readers.guarded`).
+    ``contents(path, dialect, names)``, a function of a module, returns the channels of one file, at
+    least those that `names` may mean; None for `means`, a format without samples.
+    ``recognises(head, name)`` tests whether a file with these first bytes and this name is
+    certainly of this format. `options` are the keys of ``[records] dialect`` and their types. If
+    `guarded`, a library parses the file, in a process of its own (`readers.guarded`).
     """
 
     name: str
@@ -444,17 +434,14 @@ class Reader:
         channels of their files.
         """
         for trial, path in zip(piece.trials, piece.paths, strict=True):
-            yield self._record(campaign, root, trial, path, whole)
-
-    def _record(
-        self, campaign: Campaign, root: Path, trial: str, path: Path, whole: bool
-    ) -> Record:
-        source, contents = files.source_of(root, path), Contents(codes=("EMPTY",))
-        try:
-            if path.stat().st_size:
-                names = None if whole else names_of(campaign, trial)
-                contents = self.open(path, campaign.records.dialect, names)
-            record = record_of(campaign, contents, trial, str(path), source)
-        except Exception as fault:
-            return malformed(trial, root, source, fault)
-        return replace(record, contents=contents) if whole else record
+            source, contents = files.source_of(root, path), Contents(codes=("EMPTY",))
+            try:
+                if path.stat().st_size:
+                    names = None if whole else names_of(campaign, trial)
+                    contents = self.open(path, campaign.records.dialect, names)
+                record = record_of(campaign, contents, trial, str(path), source)
+            except Exception as fault:
+                record = malformed(trial, root, source, fault)
+            else:
+                record = replace(record, contents=contents) if whole else record
+            yield record

@@ -16,7 +16,7 @@ import itertools
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from nearlift.errors import InputRefused, ManifestError
@@ -28,17 +28,6 @@ from nearlift.units import NUMBER
 READ = 20
 #: Rows of numbers that settle a dialect, though a later line breaks it.
 ROWS = 3
-OPTIONS = {
-    "encoding": str,
-    "separator": str,
-    "decimal": str,
-    "thousands": str,
-    "skip": int,
-    "columns": list,
-    "units": list,
-    "ignore": list,
-    "labels": bool,
-}
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -71,6 +60,11 @@ class Dialect:
 
 
 UNSTATED = Dialect()
+#: Keys of ``[records] dialect``, and their types.
+OPTIONS = {
+    key.name: list if isinstance(key.default, tuple) else type(key.default)
+    for key in fields(Dialect)
+}
 
 
 def given(stated: RecordsDialect) -> Dialect:

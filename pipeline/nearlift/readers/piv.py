@@ -624,17 +624,11 @@ class Stream:
     def __iter__(self) -> Iterator[VelocityField]:
         said = partial(self.piv.setting, self.case)
         setting = Setting(*map(said, ("length_unit", "velocity_unit", "scale", "frame_time")))
-        thrust, across, origin_m = map(said, ("thrust", "across", "origin"))
+        lie = {name: said(name) for name in ("thrust", "across")}
+        lie |= {"origin_m": said("origin"), "v_sign": said("v_sign", 1)}
         for path in self.files:
             try:
                 for one in read(path, setting, said("format")):
-                    turned = orient(
-                        one,
-                        thrust=thrust,
-                        across=across,
-                        origin_m=origin_m,
-                        v_sign=said("v_sign", 1),
-                    )
-                    yield masked(turned, said("mask", []))
+                    yield masked(orient(one, **lie), said("mask", []))
             except InputRefused as refusal:
                 self.refused.append((source_of(self.root, path), refusal))

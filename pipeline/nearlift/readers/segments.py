@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift import schedule as schedules
 from nearlift import units
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.rig import FEWEST_SAMPLES, Segments
@@ -26,19 +27,6 @@ from nearlift.readers.files import Piece, packing
 from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import part_of
-from nearlift.schedule import (
-    BY_NAME,
-    OUTCOMES,
-    RECORD_COLUMN,
-    RESERVED,
-    Schedule,
-    TextColumn,
-    columns_from_record,
-    dimension_of,
-    of_columns,
-    read_columns,
-    rename_records,
-)
 
 #: Share of the cut samples that kept pieces and their settling must be.
 MIN_YIELD = 0.25
@@ -121,10 +109,10 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
     _require_yield(spans, edges, settle, rate, where)
     # the schedule's columns in the record, each with factor and offset to SI
     bring = {}
-    for name, (column, key) in columns_from_record(section).items():
+    for name, (column, key) in schedules.columns_from_record(section).items():
         at = "segments.column" if key == "segments" else f"{key}.column"
         channel = pick(channels, column.column, at, where)
-        bring[name] = channel, *column.linear(dimension_of(name), key)
+        bring[name] = channel, *column.linear(schedules.dimension_of(name), key)
     zeros: list[cuts.Span] = []
     if campaign.load_cell.tare == "level 0":
         level = {p: _middle("throttle", values[p.start : p.end]) for p in spans.pieces}
@@ -150,7 +138,7 @@ def cut(campaign: Campaign, root: Path, whole: Record) -> Segmented:
         running = level_of.get("throttle", 1.0) > 0 <= level_of.get("distance", 0.0)
         if piece in zeros or not running:
             continue
-        for name in bring.keys() & set(OUTCOMES):
+        for name in bring.keys() & set(schedules.OUTCOMES):
             channel, factor, _ = bring[name]
             zero = _zero(channel.values, zeros, piece, head)
             mean, u = _less_zero(channel.values[span], zero, rate)
@@ -278,7 +266,7 @@ def _mean_and_scatter(values: FloatArray) -> tuple[float, float]:
 
 def schedule_of_trials(
     campaign: Campaign, root: Path, pieces: Mapping[str, Sequence[CutPiece]]
-) -> Schedule:
+) -> schedules.Schedule:
     """The schedule of the pieces of every record; a record without pieces has one row.
 
     Covariates include `record`, `piece`, and means and scatter of the records' further columns, NaN
@@ -287,8 +275,8 @@ def schedule_of_trials(
     """
     section = campaign.segments
     assert section is not None
-    read, notes = read_columns(campaign, root)
-    rows, bring = rename_records(campaign, root, read)
+    read, notes = schedules.read_columns(campaign, root)
+    rows, bring = schedules.rename_records(campaign, root, read)
     ids = list(rows["trial"].texts)
     cut = [(i, p) for i, record in enumerate(ids) for p in pieces.get(record) or [CutPiece()]]
     places, trials = [i for i, _ in cut], [piece for _, piece in cut]
@@ -301,25 +289,25 @@ def schedule_of_trials(
     names = [f"{r}#{p.number}" if p.number else r for r, p in zip(records, trials, strict=True)]
     columns["trial"] = replace(trial, texts=names)
     # each record may have been set up differently
-    columns.setdefault("session", TextColumn("session", records, trial.file, trial.lines))
+    columns.setdefault("session", schedules.TextColumn("session", records, trial.file, trial.lines))
     for name in bring:
         values = np.array([piece.brought.get(name, np.nan) for piece in trials])
         if name == section.becomes and section.level and section.tolerance > 0:
-            factor, _ = section.level.linear(dimension_of(name), "segments")
+            factor, _ = section.level.linear(schedules.dimension_of(name), "segments")
             _join_levels(values, section.tolerance * abs(factor) * (1 + 1e-9))
         texts = ["" if value != value else repr(value) for value in values.tolist()]
-        unit = units.SI[dimension] if (dimension := dimension_of(name)) else ""
-        columns[name] = TextColumn(name, texts, trial.file, trial.lines, unit)
-    schedule = of_columns(campaign, root, columns, notes, bring)
+        unit = units.SI[dimension] if (dimension := schedules.dimension_of(name)) else ""
+        columns[name] = schedules.TextColumn(name, texts, trial.file, trial.lines, unit)
+    schedule = schedules.of_columns(campaign, root, columns, notes, bring)
     covariates = dict(schedule.covariates)
     if "start_s" in covariates:
         covariates["start_s"] = covariates["start_s"] + np.array([p.since_s for p in trials])
-    covariates[RECORD_COLUMN] = np.array(records, dtype=object)
+    covariates[schedules.RECORD_COLUMN] = np.array(records, dtype=object)
     covariates["piece"] = np.array([piece.number for piece in trials])
-    taken, nothing = {*covariates, *RESERVED, *BY_NAME}, (np.nan, np.nan)
+    taken, nothing = {*covariates, *schedules.RESERVED, *schedules.BY_NAME}, (np.nan, np.nan)
     for name in dict.fromkeys(name for piece in trials for name in piece.covariates):
         mean, scatter = np.array([piece.covariates.get(name, nothing) for piece in trials]).T
-        free = name if name not in taken else f"{RECORD_COLUMN} {name}"
+        free = name if name not in taken else f"{schedules.RECORD_COLUMN} {name}"
         # a column without a number anywhere is left out
         covariates |= {free: mean} if np.isfinite(mean).any() else {}
         covariates |= {f"sd_{free}": scatter} if np.isfinite(scatter).any() else {}
