@@ -47,6 +47,21 @@ def test_units_in_names(name, meant):
     assert headings.named(name) == meant
 
 
-@pytest.mark.parametrize("heading", ["Battery V", "Vbat", "vbat_V"])
-def test_the_battery_of_a_table_is_the_supply(heading):
-    assert headings.schedule_column(heading)[0] == "supply"
+@pytest.mark.parametrize(
+    ("heading", "meant"),
+    [
+        ("Battery V", ("supply", "")),
+        ("vbat_V", ("supply", "V")),
+        ("h/R", ("distance", "R")),
+        ("h_over_R", ("distance", "R")),
+        ("h/D", ("", "")),
+        ("Height above floor [mm]", ("distance", "mm")),
+        ("Signal (us)", ("throttle", "us")),
+        ("ESC throttle (%)", ("throttle", "percent")),
+        ("duty_pct", ("throttle", "percent")),
+        ("duty", ("throttle", "")),
+        ("Max thrust (g)", ("", "")),
+    ],
+)
+def test_columns_of_a_schedule_as_tables_call_them(heading, meant):
+    assert headings.schedule_column(heading) == meant

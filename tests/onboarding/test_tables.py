@@ -42,7 +42,7 @@ def table(distance: str, throttle: str, lift: str, more: str = "") -> bytes:
     ],
 )
 def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, unit: str) -> None:
-    content = table("Height (mm)", "Throttle (%)", heading, "Std dev (g)")
+    content = table("Bodenabstand (mm)", "Gas (%)", heading, "Std dev (g)")
     seen = inspect(written.put(tmp_path, "t.csv", content))
     tables = tomllib.loads(block(seen))
     assert tables["records"] == {"reader": "means"}
@@ -51,25 +51,6 @@ def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, uni
     assert seen.table is not None
     columns = seen.table.schedule().trials.columns.to_list()
     assert columns == ["trial", "distance", "throttle", "lift", "lift_sd"]
-
-
-@pytest.mark.parametrize(
-    ("distance", "throttle", "units"),
-    [
-        ("h/R", "Signal (us)", {"distance": "R", "throttle": "us"}),
-        ("z/R", "duty", {"distance": "R", "throttle": "FILL IN"}),
-        ("Height above floor [mm]", "ESC throttle (%)", {"distance": "mm", "throttle": "percent"}),
-        ("Bodenabstand (mm)", "Gas (%)", {"distance": "mm", "throttle": "percent"}),
-        ("h_over_R", "duty_pct", {"distance": "R", "throttle": "percent"}),
-    ],
-)
-def test_distance_and_throttle_as_tables_call_them(
-    tmp_path: Path, distance: str, throttle: str, units: dict[str, str]
-) -> None:
-    path = written.put(tmp_path, "t.csv", table(distance, throttle, "F [N]"))
-    tables = tomllib.loads(block(inspect(path)))
-    assert tables["records"] == {"reader": "means"}
-    assert {k: tables["trials"]["units"][k] for k in units} == units
 
 
 def proposed(path: Path) -> tuple[list[str], dict[str, str]]:
