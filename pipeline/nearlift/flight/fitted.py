@@ -70,7 +70,7 @@ class FittedFlights:
 
     Below `bound_z_hat` L / L_inf is constant. `measured_z_hat` are the nearest and the farthest
     station. `droop` is the relative change of lift by the end of a flight, with and without a
-    boundary, `held` the quantity that each trial held constant. A set-point has `flights` by the
+    boundary. `held` is the quantity that each trial held constant. A set-point has `flights` by the
     best estimate and `draw_flights` by each draw. `gains` are those of `groups`, in SI units.
     """
 

@@ -90,11 +90,11 @@ def refuse_folds(z_hat: FloatArray, ratios: FloatArray, where: str) -> None:
 
 
 def ranges(z_hat: FloatArray, ratios: FloatArray, change: float) -> tuple[float, float, float]:
-    """Largest height at which |L / L_inf - 1| of the first row, the best estimate, is at least
-    `change`, interpolated, and its 90 % interval over the other rows.
+    """Largest height at which |L / L_inf - 1| is at least `change`, interpolated, with its 90 %
+    interval.
 
-    It is nan where there is none (zero in the interval). At the end of the grid it is a lower
-    bound.
+    The first row is the best estimate; the interval is over the others. The height is nan where
+    there is none (zero in the interval), and a lower bound at the end of the grid.
     """
     effect, n = np.abs(ratios - 1.0), len(z_hat)
     enough = effect >= change
@@ -120,8 +120,9 @@ class HeightInterval:
 def locate(
     measured: float, u: float, z_hat: FloatArray, ratios: FloatArray
 ) -> tuple[HeightInterval, float]:
-    """Posterior of z_hat, given a boundary within the range, and the probability that there is
-    none, from a measured L / L_inf with its standard uncertainty `u`.
+    """Posterior of z_hat, given a boundary within the range, and the probability of none.
+
+    The reading is `measured`, an L / L_inf with its standard uncertainty `u`.
 
     `ratios` (draws, n) are draws of the model, each monotonic (see `refuse_folds`). The prior is
     uniform in ln z_hat over the grid; that there is no boundary within has the probability

@@ -109,8 +109,10 @@ class QuotedLift:
         return float(self.ratio()(np.array(self.measured_z_hat[:1]))[0] - 1.0)
 
     def droop(self) -> list[float]:
-        """Relative change of lift once the supply has fallen to the lowest on record, of the best
-        estimate and of every draw; 0 without a sag exponent or known supply.
+        """Relative change of lift once the supply has fallen to the lowest on record.
+
+        The first is of the best estimate, the others are of the draws. All are 0 without a sag
+        exponent or known supply.
         """
         left = self.supply_V[1] / self.supply_V[0]
         if "sag_exponent" not in self.best or not np.isfinite(left):

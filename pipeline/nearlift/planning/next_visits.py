@@ -193,7 +193,9 @@ def _aim(
     forecast: Forecast, asked: VisitQuestion, diagnosis: BoundaryDiagnosis | None
 ) -> tuple[Aim, tuple[str, ...]]:
     """Aim at the coefficient, with the effects that the diagnosis names in the model; or at two
-    explanations as fitted, or at a plausible size where the trials show none.
+    explanations as fitted.
+
+    Where the trials show none, the first has its plausible size.
     """
     problem, known = forecast.problem, {e.name: e for e in forecast.effects}
     where = f"next visits at the {problem.data.boundary}"

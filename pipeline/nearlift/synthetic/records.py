@@ -221,8 +221,9 @@ def schedule(design: TrialSchedule) -> str:
 def manifest(
     name: str, note: str, bench: SimulatedBench, records: str, design: TrialSchedule
 ) -> str:
-    """The text of campaign.toml, which says that it is simulated, and of the truth only what a lab
-    would know; `records` is the content of its table.
+    """The text of campaign.toml, with the content of its table `records`.
+
+    It says that it is simulated, and of the truth only what a lab would know.
     """
     sides: list[Boundary] = list(dict.fromkeys(design.boundary))
     planes = {side: "blade tip" if side == "sidewall" else "rotor plane" for side in sides}

@@ -1,8 +1,7 @@
 """Exported lift models of a campaign: parameters, tables and provenance, as JSON, C and Python.
 
-All three are made of one object, the content of lift_model.json: `campaign`, `nearlift`,
-`trials_sha256`, `date` of the newest raw file, `rotor_radius_m`, the quantity `held` in each trial,
-the product that uncertainties come from (`source`), and `boundaries`.
+All three are made of one object, the content of lift_model.json. Its `date` is that of the newest
+raw file, `held` the quantity held in each trial, `source` the product that uncertainties come from.
 """
 
 from __future__ import annotations
