@@ -12,8 +12,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 import scipy.io
-from tests.readers.reading import of_trials
-from tests.unit.manifests import manifest
+from tests.readers.reading import records
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding.inspection import inspect
@@ -80,17 +79,9 @@ def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
     assert found.clock is not None
     assert found.force.rate_Hz == pytest.approx(40)
     assert "is a time of day: read as seconds" in found.contents.notes[-1]
-    given = manifest(
-        load_cell={"sample_rate": "40 Hz"},
-        records={
-            "reader": "text",
-            "files": "{trial}.csv",
-            "force": {"column": found.force.name, "unit": "N", "sign": 1},
-            "time": {"column": found.clock.name, "unit": "s"},
-            "dialect": {} if header else found.dialect,
-        },
-    )
-    (record,) = of_trials("text", given, tmp_path, ["a"])
+    time = {"column": found.clock.name, "unit": "s"}
+    said = {"time": time, "dialect": {} if header else found.dialect}
+    (record,) = records(tmp_path, "text", found.force.name, "N", "{trial}.csv", "40 Hz", **said)
     assert record.time_s is not None
     np.testing.assert_allclose(record.time_s, np.arange(200) / 40, atol=1e-9)
     assert record.force_N.tolist() == force
@@ -123,16 +114,9 @@ def test_stamps_have_their_unit(
     assert shown.force is not None
     assert (shown.clock.unit, shown.force.rate_Hz) == (unit, pytest.approx(rate, rel=1e-3))
     proposed = tomllib.loads(block(shown))["records"]
-    given = manifest(
-        load_cell={"sample_rate": f"{rate} Hz"},
-        records={
-            "reader": proposed["reader"],
-            "files": "{trial}.csv",
-            "force": {"column": shown.force.name, "unit": "gf", "sign": 1},
-            "time": proposed["time"],
-        },
-    )
-    (record,) = of_trials(proposed["reader"], given, tmp_path, ["a"])
+    name, time = proposed["reader"], proposed["time"]
+    column = shown.force.name
+    (record,) = records(tmp_path, name, column, "gf", "{trial}.csv", f"{rate} Hz", time=time)
     assert record.time_s is not None
     np.testing.assert_allclose(record.time_s - record.time_s[0], np.arange(99) / rate, atol=1e-4)
 
@@ -226,16 +210,9 @@ def test_two_columns_of_binary_files_are_one_clock(tmp_path: Path, name: str) ->
         with nptdms.TdmsWriter(path / "a.tdms") as writer:
             writer.write_segment([nptdms.ChannelObject("log", *item) for item in columns.items()])
     [file] = path.iterdir()
-    given = manifest(
-        load_cell={"sample_rate": "40 Hz"},
-        records={
-            "reader": name,
-            "files": file.name.replace("a.", "a." if name == "parquet" else "{trial}."),
-            "force": {"column": column.format("force"), "unit": "N", "sign": 1},
-            "time": {"column": column.format("sec"), "unit": "s"},
-        },
-    )
-    (record,) = of_trials(name, given, tmp_path, ["a"])
+    files = file.name if name == "parquet" else f"{{trial}}{file.suffix}"
+    time = {"column": column.format("sec"), "unit": "s"}
+    (record,) = records(tmp_path, name, column.format("force"), "N", files, "40 Hz", time=time)
     assert record.time_s is not None
     np.testing.assert_allclose(np.diff(record.time_s), 0.025, atol=1e-9)
     assert "are one clock" in record.notes[0]

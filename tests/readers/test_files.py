@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.readers.reading import contents, of_trials, put
+from tests.readers.reading import contents, put, records
 from tests.unit import written
 from tests.unit.manifests import manifest
 
@@ -153,17 +153,9 @@ def test_the_first_sheet_is_a_record(tmp_path: Path) -> None:
     assert (seen.reader, seen.contents.kind) == ("sheet", kind)
     assert seen.force is not None
     assert (seen.force.unit, seen.force.rate_Hz) == ("N", pytest.approx(100))
-    given = manifest(
-        records={
-            "reader": "sheet",
-            "files": "{trial}.xlsx",
-            "force": {"column": "force", "unit": "N", "sign": -1},
-            "time": {"column": "time", "unit": "s"},
-        },
-        load_cell={"sample_rate": "100 Hz"},
-    )
-    (record,) = of_trials("sheet", given, tmp_path, ["a"])
-    assert record.force_N.tolist() == [-0.5 - i % 2 for i in range(50)]
+    clock = {"column": "time", "unit": "s"}
+    (record,) = records(tmp_path, "sheet", "force", "N", "{trial}.xlsx", "100 Hz", time=clock)
+    assert record.force_N.tolist() == [0.5 + i % 2 for i in range(50)]
     assert record.time_s is not None
     assert record.time_s.tolist() == [i / 100 for i in range(50)]
     with pytest.raises(InputRefused, match="no rows of numbers in its first sheet, 'S1'; others"):

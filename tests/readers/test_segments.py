@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from functools import partial
@@ -310,16 +311,14 @@ WINDOWS: dict[str, Any] = {"column": None, "cut": "windows"}
 def test_a_manifest_that_contradicts_itself(
     cut: dict[str, Any], changes: dict[str, Any], match: str
 ) -> None:
-    with pytest.raises(ManifestError) as refused:
+    with pytest.raises(ManifestError, match=re.escape(match)):
         campaign(cut, **changes)
-    assert match in str(refused.value)
 
 
 def test_marks_of_records_go_with_segments() -> None:
-    with pytest.raises(ManifestError, match="goes with"):
-        manifest(records={"files": "sweeps/{record}.csv"})
-    with pytest.raises(ManifestError, match="goes with"):
-        manifest(load_cell={"tare": "level 0"})
+    for change in ({"records": {"files": "s/{record}.csv"}}, {"load_cell": {"tare": "level 0"}}):
+        with pytest.raises(ManifestError, match="goes with"):
+            manifest(**change)
 
 
 ON_ROWS = "record,boundary,distance,throttle\nr0,ground,23,5\n"
@@ -352,9 +351,8 @@ def test_what_does_not_fit_the_records_is_refused(
         folder = tmp_path / "raw"
         shutil.copytree(root / "sweeps", folder / "sweeps")
         (folder / "records.csv").write_text(schedule)
-    with pytest.raises(NearliftError) as refused:
+    with pytest.raises(NearliftError, match=re.escape(match)):
         run_ingest(folder, tmp_path / "out", campaign(cut))
-    assert match in str(refused.value)
     assert not [*tmp_path.rglob("trials.parquet")]
 
 
