@@ -74,9 +74,8 @@ def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> bas
             channels.append(base.Channel(name=called, unit="s", rate_Hz=rate, values=clock))
         unit = parts[-1][1].unit
         channels.append(base.Channel(name=name, unit=unit, rate_Hz=rate, values=values))
-    chosen = [c for c in channels if base.wanted(c.name, names)]
     return base.Contents(
-        channels=tuple(chosen or channels),
+        channels=tuple(channels),
         kind="LVM",
         codes=("truncated",) * cut + ("NO_DATA",) * (not channels),
         notes=tuple(filter(None, dict.fromkeys(notes))),

@@ -21,9 +21,8 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.rig import FEWEST_SAMPLES, Segments
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import guarded
 from nearlift.readers.base import Reader, Record, names_of, pick
-from nearlift.readers.files import Piece, packing
+from nearlift.readers.files import Piece
 from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import part_of
@@ -180,8 +179,7 @@ def _edges(
         changes = cuts.by_change(values[head:], step, smallest)
         return values, [(head + a, head + b) for a, b in changes]
     if isinstance(only, str):
-        asked = path, campaign.records.dialect, section.column
-        words = (guarded.run(words_of, *asked) if packing(path) else words_of(*asked))[:n]
+        words = words_of(path, campaign.records.dialect, section.column)[:n]
         if only not in words:
             listed = ", ".join(map(repr, sorted(set(words))[:8]))
             what = f"has no {only!r} in column {section.column!r}"
