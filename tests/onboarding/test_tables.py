@@ -109,6 +109,14 @@ def test_a_mean_with_its_deviation_in_one_cell(tmp_path: Path, cell: str, form: 
     ]
 
 
+def test_means_with_decimal_commas(tmp_path: Path) -> None:
+    rows = (
+        "h;gas;Schub\n20 mm;30 %;1,20 ± 0,01 N\n20 mm;50 %;1,25 ± 0,02 N\n4,5 mm;30 %;1,1 ± 0,2 N\n"
+    )
+    lines, _ = proposed(written.put(tmp_path, "t.csv", rows.encode()))
+    assert lines[1:] == ["1,20,30,1.20,0.01", "2,20,50,1.25,0.02", "3,4.5,30,1.1,0.2"]
+
+
 def test_cells_in_several_units_are_named(tmp_path: Path) -> None:
     rows = "".join(f"{h},40 %,{2 + 1 / i} N\n" for i, h in enumerate(("8 mm", "4 cm", "9 cm"), 1))
     seen = inspect(written.put(tmp_path, "t.csv", f"height,throttle,lift\n{rows}".encode()))

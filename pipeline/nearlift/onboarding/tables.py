@@ -38,6 +38,7 @@ LEVEL = re.compile(r"(?<!\d)(\d+(?:\.\d+)?) ?(?:%|percent|pct|([uµμ]s))")
 WITH_SD = re.compile(
     r"((?<!\d)-?\d+(?:\.(\d*))?)\s*(?:(?:±|\+/-|\+-)\s*(\d+(?:\.\d*)?)|\((\d+)\)?)"
 )
+SD_WITH_COMMAS = re.compile(r"\d,\d+\s*(?:±|\+/-|\+-)\s*\d+,\d")
 #: Units by which the only column of its kind is known, whatever it is called.
 BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
 
@@ -152,7 +153,9 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
     if not rows:
         return None
     cells = pd.DataFrame(rows, dtype=object)
-    if layout.decimal == ",":
+    # no cell of these is a number, which would show the decimal comma
+    commas = cells.apply(lambda column: column.str.contains(SD_WITH_COMMAS).all()).any()
+    if layout.decimal == "," or commas:
         cells = cells.apply(lambda column: column.str.replace(",", "."))
     stated = [
         f"{name} ({unit})" if unit and not headings.named(name)[1] else name
