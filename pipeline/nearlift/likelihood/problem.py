@@ -64,19 +64,17 @@ class Likelihood:
 
     @cached_property
     def z_hat(self) -> FloatArray:
-        """Distance of each trial in rotor radii, (n,), the height error added."""
-        return self.data.z_hat + self.offset_m / self.data.radius_m
+        """Distance of each trial in rotor radii, (n,), the height error added; nan at the boundary
+        and beyond.
+        """
+        z_hat = self.data.z_hat + self.offset_m / self.data.radius_m
+        return np.where(z_hat > 0, z_hat, np.nan)
 
     def log_ratio(self, theta: FloatArray) -> FloatArray:
-        """Log L / L_inf of each trial; nan where the model has no value."""
+        """Log L / L_inf of each trial; not finite where the model has no value."""
         columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
-        z_hat = self.z_hat
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
-            log: FloatArray = (
-                np.log(np.where((ratio > 0) & (ratio < np.inf) & (z_hat > 0), ratio, np.nan))
-                + self.shift
-            )
+            log = np.log(self.model.evaluate(self.z_hat, **columns, **self.known)) + self.shift
         return np.broadcast_to(log, (*np.shape(theta)[:-1], self.data.n))
 
     @cached_property
