@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.simulated import GROUND, L_INF, campaign, findings, part, problem
+from tests.unit.simulated import GROUND, L_INF, campaign, findings, hsiao, part, problem
 
 from nearlift import catalogue
 from nearlift.likelihood import noise
@@ -119,6 +119,15 @@ def test_what_was_not_logged_or_never_changes_is_untestable_and_says_what_to_log
     constant = null.data.covariates | {"supply_V": np.full(null.data.n, 3.7)}
     flat = replace(null.data, covariates=constant)
     assert "supply_V" in missing(catalogue.effect("supply_sag"), flat)
+
+
+def test_under_a_ceiling_a_height_scale_is_silent_and_never_named():
+    stations = (0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0)
+    data = campaign(3, boundary="ceiling", ratio=hsiao, stations=stations, visits=8)
+    found = findings(data, catalogue.model("hsiao_chirarattananon"), confirm=False)
+    hidden = {s["effect"]: s["absorbed_by"] for s in found["silent"] if s["hidden"]}
+    assert hidden["height_scale"] == "alpha"
+    assert found["effects"] == []
 
 
 def test_an_outlier_is_pulled_in_and_the_rest_left_alone():
