@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.unit import small_run, sweeps
 from tests.unit.bench_campaign import run_ingest
@@ -74,13 +75,8 @@ def test_units_and_uncertainty_ride_along(ran: tuple[Path, Path]) -> None:
     np.testing.assert_allclose(trials["u_roll_moment_Nm"], 2e-4)
     # two trials a cell: their own uncertainty over root two, or their scatter where it is larger
     assert (cells["u_roll_moment_Nm"] >= 2e-4 / np.sqrt(2) * (1 - 1e-12)).all()
-    for z, t, mean, u in zip(
-        cells["z_hat"],
-        cells["throttle"],
-        cells["roll_moment_Nm"],
-        cells["u_roll_moment_Nm"],
-        strict=True,
-    ):
+    columns = ("z_hat", "throttle", "roll_moment_Nm", "u_roll_moment_Nm")
+    for z, t, mean, u in zip(*(cells[name] for name in columns), strict=True):
         assert mean == pytest.approx(moment_Nm(12.7 * z, 100 * t), abs=5 * u + 5e-4)
     np.testing.assert_allclose(cells["wall_force_N"], -2 * cells["roll_moment_Nm"], rtol=1e-3)
     # without a stated uncertainty the scatter of the two is all there is
@@ -104,32 +100,29 @@ def test_a_campaign_without_them_has_no_such_chapter(tmp_path: Path) -> None:
     assert "roll_moment_Nm" not in small_run.job(root, tmp_path).read(LIFT)
 
 
-def test_a_moment_without_a_unit_or_in_newtons_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ('roll_moment = "mN*m"\nu_roll', "u_roll", "roll_moment"),
+        ('\nroll_moment = "mN*m"', '\nroll_moment = "N"', "'N' is not a unit of torque"),
+    ],
+)
+def test_a_moment_without_a_unit_or_in_newtons_is_refused(
+    tmp_path: Path, old: str, new: str, text: str
+) -> None:
     root = campaign(tmp_path / "raw")
-    text = (root / "campaign.toml").read_text()
-    (root / "campaign.toml").write_text(text.replace('roll_moment = "mN*m"\nu_roll', "u_roll"))
+    (root / "campaign.toml").write_text(MANIFEST.replace(old, new))
     answer = nearlift("ingest", root, "--out", tmp_path)
-    assert answer.exit_code == 2
-    assert "roll_moment" in answer.stderr
-    (root / "campaign.toml").write_text(
-        text.replace('\nroll_moment = "mN*m"', '\nroll_moment = "N"')
-    )
-    answer = nearlift("ingest", root, "--out", tmp_path)
-    assert answer.exit_code == 2
-    assert "'N' is not a unit of torque" in answer.stderr
+    assert (answer.exit_code, text in answer.stderr) == (2, True)
 
 
 def test_pieces_of_a_record_bring_a_moment_less_its_zero(tmp_path: Path) -> None:
     root = sweeps.write(tmp_path / "raw")
     rng = np.random.default_rng(2)
     for path in sorted((root / "sweeps").glob("*.csv")):
-        lines = path.read_text().splitlines()
-        rows = [line.split(",") for line in lines[1:]]
-        moment = [0.7 + 0.01 * float(r[1]) + rng.normal(0, 0.05) for r in rows]
-        text = [f"{lines[0]},torque"] + [
-            f"{','.join(r)},{m:.6f}" for r, m in zip(rows, moment, strict=True)
-        ]
-        path.write_text("\n".join(text) + "\n")
+        table = pd.read_csv(path)
+        noise = rng.normal(0, 0.05, len(table))
+        table.assign(torque=0.7 + 0.01 * table["throttle"] + noise).to_csv(path, index=False)
     cut = {"columns": {"pitch_moment": {"column": "torque", "unit": "mN*m"}}}
     _, job = run_ingest(root, tmp_path, sweeps.campaign(cut))
     trials = job.read(TRIALS)
