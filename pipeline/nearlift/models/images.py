@@ -56,6 +56,12 @@ def image(height_hat: Any, separation_hat: Any = 0.0) -> Any:
     return 0.25 / (np.square(height) * slant * np.sqrt(slant))
 
 
+def spacings(layout_hat: Any) -> FloatArray:
+    """Distances of all rotors of a layout from each other, (n, n)."""
+    x, y = np.asarray(layout_hat, dtype=float).T
+    return np.asarray(np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y)))
+
+
 def gain(cancelled: Any) -> FloatArray:
     """Lift over lift far away, 1 / (1 - s); nan at and beyond the pole s = 1, where the theory has
     no answer.
@@ -447,9 +453,8 @@ def level_cancelled(z_hat: Any, /, *, layout_hat: Any) -> Any:
 
     One rotor gives Cheeseman and Bennett; four in a square give Sanchez-Cuevas with K_b = 0.
     """
-    x, y = np.asarray(layout_hat, dtype=float).T
-    apart = np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y))
-    return image(2.0 * clear_of_boundary(z_hat)[..., None, None], apart).sum(axis=-1)
+    height = 2.0 * clear_of_boundary(z_hat)[..., None, None]
+    return image(height, spacings(layout_hat)).sum(axis=-1)
 
 
 IMAGES = of_images(
@@ -564,8 +569,7 @@ def edge_cancelled(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> Any:
     spread of the wake. With the edge known, this is the model, and the effect is a possible
     remainder.
     """
-    x, y = np.asarray(layout_hat, dtype=float).T
-    apart = np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y))
+    x, apart = np.asarray(layout_hat, dtype=float)[:, 0], spacings(layout_hat)
     height = 2.0 * clear_of_boundary(z_hat)[..., None, None]
     share = image_share(edge_hat - 0.5 * np.add.outer(x, x), height, apart)
     return (image(height, apart) * share).sum(axis=-1)
@@ -614,9 +618,7 @@ def reflected(z_hat: Any, layout_hat: Any, gap_hat: float) -> Iterator[FloatArra
     free = np.isposinf(z)
     z = np.where(free, 0.5 * min(gap_hat, 2.0), z)
     z = np.where(np.isnan(clear_of_boundary(gap_hat - z)), np.nan, clear_of_boundary(z))
-    z = z[..., None, None]
-    x, y = np.asarray(layout_hat, dtype=float).T
-    apart = np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y))
+    z, apart = z[..., None, None], spacings(layout_hat)
     yield np.where(free[..., None], 0.0, image(2.0 * z, apart).sum(axis=-1))
     for n in range(1, REFLECTIONS + 1):
         far = 2.0 * n * gap_hat
