@@ -152,15 +152,16 @@ def test_of_a_list_only_the_stations_that_are_there_go():
     assert sources.missing_for(effect, observed(1.0, 9.0)) == "a touch-off with a gauge"
 
 
-@pytest.mark.parametrize(("value", "warned"), [(2.0, False), (0.0, True), (-1.4, True)])
-def test_a_coefficient_that_its_physics_excludes_is_warned_of(value, warned):
-    quoted = SimpleNamespace(
-        base_model="sanchez_cuevas", coefficients={"K_b": SimpleNamespace(value=value)}
-    )
+@pytest.mark.parametrize(
+    ("value", "warned"), [(2.0, False), (-0.4, False), (-1.4, True), (8, True)]
+)
+def test_a_coefficient_beyond_its_usual_values_is_warned_of(value, warned):
+    K_b = SimpleNamespace(value=value, lo90=value - 0.5, hi90=value + 0.5)
+    quoted = SimpleNamespace(base_model="sanchez_cuevas", coefficients={"K_b": K_b})
     said = phrases.implausible(quoted)
     assert len(said) == warned
     if said:
-        assert f"{value:g} is not between 0 and 6" in said[0].replace("−", "-")
+        assert f"{value:g} lies beyond its usual values, 0 to 6" in said[0].replace("−", "-")
         assert length(said[0]) <= LONGEST
 
 

@@ -96,8 +96,7 @@ class Parameter:
         Largest median lift at which bounds and prior hold. Beyond it both grow in proportion to
         lift, as the errors of larger load cells do.
     plausible : (float, float)
-        Values that the physics named in `meaning` allows. A fit may go beyond: another effect may
-        have the same shape.
+        Usual values. Beyond them another effect may have the same shape.
     """
 
     name: str

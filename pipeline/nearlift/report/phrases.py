@@ -217,13 +217,14 @@ def dependence(quoted: BoundaryResult) -> str:
 
 
 def implausible(quoted: BoundaryResult) -> list[str]:
-    """A warning of each coefficient at or beyond the ends of what its model's physics allows."""
+    """A warning of each coefficient whose 90 % interval lies beyond its usual values."""
     known = quoted.coefficients
     return [
-        f"{noun(p.name)} = {plain(known[p.name].value, 3)} is not between {p.plausible[0]:g} and"
-        f" {p.plausible[1]:g}, as its physics requires: another effect may have its shape"
+        f"{noun(p.name)} = {plain(known[p.name].value, 3)} lies beyond its usual values,"
+        f" {p.plausible[0]:g} to {p.plausible[1]:g}: another effect may have its shape"
         for p in catalogue.model(quoted.base_model).parameters
-        if p.name in known and not p.plausible[0] < known[p.name].value < p.plausible[1]
+        if p.name in known
+        and (known[p.name].hi90 < p.plausible[0] or known[p.name].lo90 > p.plausible[1])
     ]
 
 
