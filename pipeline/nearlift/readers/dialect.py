@@ -177,9 +177,8 @@ def sniff(
             # after so many rows a bad line is one, and no sign of another dialect
             break
     if not (fits or failed):
-        raise InputRefused(
-            where, "has one sign between cells and in numbers", "correct [records] dialect"
-        )
+        what = "has one sign between cells and in numbers"
+        raise InputRefused(where, what, "correct [records] dialect")
     if not fits:
         raise max(failed, key=lambda unfit: unfit.lines)
     # cut alike, numbers such as 0,5 go before texts

@@ -143,12 +143,12 @@ def contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> bas
 
 
 def csv_contents(path: Path, dialect: base.RecordsDialect, names: base.Names) -> base.Contents:
-    """The columns of plain CSV: commas and decimal points; without names, in any dialect."""
+    """The columns of plain CSV: commas and decimal points."""
     try:
-        return contents(path, {"separator": "comma", "decimal": "."} if names else {}, names)
+        return contents(path, {"separator": "comma", "decimal": "."}, names)
     except InputRefused:
         first = content_of(path, HEAD).split(b"\n", 1)[0]
-        if names is None or b"," in first or not (b";" in first or b"\t" in first):
+        if b"," in first or not (b";" in first or b"\t" in first):
             raise
     remedy = 'save it with commas and decimal points, or say reader = "text"'
     raise InputRefused(f"{path}, line 1", "is not parted by commas", remedy)
