@@ -1,8 +1,9 @@
 """The streamed average of 150 fields of 128 x 128, and its memory as the number of fields grows.
 
 "numpy" is its mean and variance of the stack in memory, without a missing vector. "nan" is the same
-by nanmean and nanvar, with missing vectors. The accumulator takes the same stack, 1 % of it
-missing. "stream" averages more and more fields that are made on demand: its memory is constant.
+by nanmean and nanvar, with missing vectors. nearlift takes those fields one by one, with their
+correlation in time. "stream" averages more and more fields that are made on demand: its memory is
+constant.
 """
 
 from __future__ import annotations
@@ -57,19 +58,6 @@ def nan(_: Path) -> dict[str, float]:
     return timed(lambda: (np.nanmean(holed, axis=0), np.nanvar(holed, axis=0)))
 
 
-def moments(_: Path) -> dict[str, float]:
-    from nearlift.flow.average import Moments
-
-    holed = stack(0.01)
-
-    def accumulate() -> None:
-        found = Moments(holed.shape[1])
-        for row in holed:
-            found.add(row)
-
-    return timed(accumulate)
-
-
 def average(_: Path) -> dict[str, float]:
     from nearlift.flow.average import average as whole
 
@@ -107,11 +95,8 @@ BENCH = Bench(
         Contestant(name="numpy", title="numpy, mean and variance in memory", run=bare),
         Contestant(name="nan", title="numpy, nanmean and nanvar", run=nan),
         Contestant(
-            name="nearlift", title="nearlift, mean, variance and count, streamed", run=moments
-        ),
-        Contestant(
-            name="nearlift-average",
-            title="nearlift, with correlation in time and convergence",
+            name="nearlift",
+            title="nearlift, with missing vectors and correlation in time, streamed",
             run=average,
         ),
         Contestant(
