@@ -2,8 +2,8 @@
 their square.
 """
 
-import dataclasses
 import tracemalloc
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -16,21 +16,17 @@ from nearlift.loop.candidate import Candidate
 from nearlift.loop.search_problem import Options
 from nearlift.reduction.lift_change import cells
 
-from .simulated import campaign
+from .simulated import GROUND, campaign, problem
 
-GROUND = catalogue.model("sanchez_cuevas")
 #: Trials are made four times as many; memory in proportion makes four of a peak, memory in their
 #: square sixteen.
 SEVERAL, LINEAR = 4, 5.0
 
 
-def scattered(data, stops=None):
-    """Every visit at a height of its own, or at one of so many."""
-    rng = np.random.default_rng(5)
-    moved = np.exp(0.05 * rng.normal(size=data.visit.max() + 1))
-    return dataclasses.replace(
-        data, z_hat=data.z_hat * moved[data.visit % stops if stops else data.visit]
-    )
+def scattered(data):
+    """Every visit at a height of its own."""
+    moved = np.exp(0.05 * np.random.default_rng(5).normal(size=data.visit.max() + 1))
+    return replace(data, z_hat=data.z_hat * moved[data.visit])
 
 
 def fitted(data):
@@ -45,8 +41,7 @@ def reduced(data):
 
 
 def diagnosed(data):
-    stage, _, _ = loop.set_up(data, GROUND, (), Options())
-    assert stage.nothing_added[0].p_value > 0
+    assert problem(data).nothing_added[0].p_value > 0
 
 
 def peak(work, data):
@@ -72,16 +67,15 @@ def test_four_times_the_trials_take_no_more_than_five_times_the_memory(work, pla
 
 def in_sessions(sessions):
     data = campaign(6, visits=15, gain=lambda known: (known["supply_V"] / 4) ** 0.5)
-    return dataclasses.replace(data, session=np.arange(data.n) * sessions // data.n)
+    return replace(data, session=np.arange(data.n) * sessions // data.n)
 
 
 def test_the_gains_of_all_sessions_are_differentiated_in_one_pass():
     """The derivatives, (trials, sessions), are the largest thing made; and they are those of one
     session at a time.
     """
-    candidate = Candidate(
-        base=GROUND, effects=(catalogue.effect("session_gain"),), data=in_sessions(60)
-    )
+    gain = catalogue.effect("session_gain")
+    candidate = Candidate(base=GROUND, effects=(gain,), data=in_sessions(60))
     vector = np.r_[2.0, np.random.default_rng(7).normal(0, 0.01, 60)]
     jacobian = candidate.jacobian(vector)
     assert peak(lambda _: candidate.jacobian(vector), None) < 3 * jacobian.nbytes
@@ -96,9 +90,5 @@ def test_what_a_search_keeps_of_a_candidate_grows_with_the_trials_and_not_with_t
     singles = search.run(stage).singles
     assert {e.name for e in singles} == {"session_gain", "supply_sag"}
     for kept in (*singles, *(e.fitted for e in singles)):
-        arrays = [
-            x
-            for x in (getattr(kept, f.name) for f in dataclasses.fields(kept))
-            if isinstance(x, np.ndarray)
-        ]
-        assert all(x.size <= stage.data.n for x in arrays)
+        values = (getattr(kept, f.name) for f in fields(kept))
+        assert all(x.size <= stage.data.n for x in values if isinstance(x, np.ndarray))
