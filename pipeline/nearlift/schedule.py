@@ -40,8 +40,8 @@ BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
 INVISIBLE = ("Cc", "Cf", "Zl", "Zp")
 REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
-#: Unit of distances that are multiples of the rotor radius.
-RADII = "R"
+#: Units of distances that are multiples of the rotor radius, and of its diameter.
+RADII, DIAMETERS = "R", "2 R"
 #: Column of the record's id, in a schedule of records and in trials.parquet.
 RECORD_COLUMN = "record"
 #: Smallest distance over rotor radius; and the least of the farthest trial of a boundary.
@@ -400,6 +400,8 @@ def of_columns(
         # files' names, from which `new` took the ids, keep their heading
         files = all(map(str.startswith, column.texts, columns["trial"].texts))
         hint = did_you_mean(name, [n for n in BY_NAME if n not in columns])
+        if re.search(r"(?:^|[ _])(?:se|sem)(?:$|[ _(])", name):
+            hint = "a standard error times the square root of n is lift_sd"
         if hint and not files:
             notes.append(f"{path.name}: column {name!r} is kept as it is; {hint}")
         filled = [t for t in column.texts if t.lower() not in BLANK]
@@ -563,7 +565,8 @@ def _distances(
         if not blank:
             remedy = "every trial at a boundary needs its distance; free air is boundary none"
             raise column.blank(i, remedy)
-    z_m = np.where(free, np.inf, r * recorded if column.unit == RADII else column.si())
+    of_rotor = {RADII: r, DIAMETERS: 2 * r}.get(column.unit)
+    z_m = np.where(free, np.inf, of_rotor * recorded if of_rotor else column.si())
     for side in BOUNDARIES:
         here = np.flatnonzero((boundary == side) & np.isfinite(recorded))
         if len(here):

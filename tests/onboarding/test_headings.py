@@ -37,10 +37,12 @@ def test_a_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
         ("Thrust, gf", ("Thrust", "gf")),
         ("Kraft / N", ("Kraft", "N")),
         ("Zeit in s", ("Zeit", "s")),
+        ("h/mm", ("h", "mm")),
+        ("t/s", ("t", "s")),
         ("fz_n", ("fz", "N")),
         ("millis", ("millis", "ms")),
         # counts, and names that end like a unit by chance
-        *((name, (name, "")) for name in ("sample_n", "m_1", "_s", "rows", "Position x, y")),
+        *((name, (name, "")) for name in ("sample_n", "m_1", "_s", "m/s", "Position x, y")),
     ],
 )
 def test_units_in_names(name, meant):
@@ -54,13 +56,16 @@ def test_units_in_names(name, meant):
         ("vbat_V", ("supply", "V")),
         ("h/R", ("distance", "R")),
         ("h_over_R", ("distance", "R")),
-        ("h/D", ("", "")),
+        ("z/D", ("distance", "2 R")),
         ("Height above floor [mm]", ("distance", "mm")),
         ("Signal (us)", ("throttle", "us")),
         ("ESC throttle (%)", ("throttle", "percent")),
         ("duty_pct", ("throttle", "percent")),
         ("duty", ("throttle", "")),
         ("Max thrust (g)", ("", "")),
+        ("Anzahl", ("n", "")),
+        ("p (W)", ("power", "W")),
+        ("p", ("", "")),
     ],
 )
 def test_columns_of_a_schedule_as_tables_call_them(heading, meant):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.unit import small_run, written
 from tests.unit.small_run import nearlift
@@ -82,7 +83,7 @@ def test_units_and_throttles_in_cells(tmp_path: Path, header: str, row: str) -> 
 
 
 @pytest.mark.parametrize(
-    "cell", ["{0} ± {1}", "{0}±{1}", "{0} +/- {1} N", "{0}({2})", "{0}({2}) N"]
+    "cell", ["{0} ± {1}", "{0} \\pm {1}", "{0} +/- {1} N", "{0}({2})", "{0}({2}) N", "{0}({1})"]
 )
 @pytest.mark.parametrize("form", ["csv", "markdown", "side by side"])
 def test_a_mean_with_its_deviation_in_one_cell(tmp_path: Path, cell: str, form: str) -> None:
@@ -109,6 +110,76 @@ def test_a_mean_with_its_deviation_in_one_cell(tmp_path: Path, cell: str, form: 
     ]
 
 
+@pytest.mark.parametrize(
+    ("cell", "pair"),
+    [
+        ("134.9e-3 ± 1.5e-3", ["134.9e-3", "1.5e-3"]),
+        ("0.2 ± 1.5%", ["0.2", "0.003"]),
+        ("0.2", ["0.2", ""]),
+        ("", None),
+    ],
+)
+def test_other_deviations_in_cells_and_rows_without_a_lift(
+    tmp_path: Path, cell: str, pair: list[str] | None
+) -> None:
+    text = f"h (mm),throttle (%),lift (N)\n20,40,0.3 ± 0.1\n20,60,{cell}\n40,40,0.2 ± 0.1\n"
+    lines, _ = proposed(written.put(tmp_path, "t.csv", text.encode()))
+    assert lines[1] == "1,20,40,0.3,0.1"
+    if pair is None:
+        assert lines[2:] == ["2,40,40,0.2,0.1"]
+    else:
+        assert lines[2].split(",")[-2:] == pair
+
+
+def test_a_blank_is_a_gap_where_a_trial_can_have_one(tmp_path: Path) -> None:
+    text = (
+        "boundary,h (mm),throttle (%),rpm,lift (N),remark\nnone,,40,,0.3,\nground,20,40,900,0.4,\n"
+    )
+    path = written.put(tmp_path, "t.csv", text.encode())
+    channels = {c.name: c.values for c in inspect(path).contents.channels}
+    assert np.isnan(channels["rpm"]).tolist() == [True, False]
+    assert "remark" not in channels
+    assert proposed(path)[0][1:] == ["1,none,,40,,0.3,", "2,ground,20,40,900,0.4,"]
+
+
+@pytest.mark.parametrize(
+    ("h", "lift", "said"),
+    [
+        ("", "0.3", "column 'h (mm)', row 2 is ''"),
+        ("20", "$0.3$", "column 'lift (N)', row 1 is '$0.3$'"),
+    ],
+)
+def test_new_refuses_cells_that_ingest_would(tmp_path: Path, h: str, lift: str, said: str) -> None:
+    text = f"h (mm),throttle (%),lift (N)\n20,40,{lift}\n{h},60,{lift}\n40,40,{lift}\n"
+    path = written.put(tmp_path, "t.csv", text.encode())
+    answer = nearlift("new", tmp_path / "c", "--from", path)
+    assert (answer.exit_code, said in answer.stderr) == (4, True), answer.stderr
+    assert not (tmp_path / "c").exists()
+
+
+def test_the_schedules_name_comes_first_and_a_standard_error_is_no_deviation(
+    tmp_path: Path,
+) -> None:
+    text = "h (mm),throttle (%),thrust (N),lift (N),std error (N),reps\n" + "".join(
+        f"{h},{t},{h},{h}.5,0.1,9\n" for h in (20, 40) for t in (40, 60)
+    )
+    path = written.put(tmp_path, "t.csv", text.encode())
+    said = " ".join(notes(inspect(path)))
+    assert "'thrust (N)' may be the lift, too: 'lift (N)' is taken" in said
+    assert "'std error (N)' is not read: a standard error times the square root of n" in said
+    lines, _ = proposed(path)
+    assert lines[:2] == [
+        "trial,distance,throttle,lift,n,thrust (N),std error (N)",
+        "1,20,40,20.5,9,20,0.1",
+    ]
+
+
+def test_a_table_of_latex_is_refused(tmp_path: Path) -> None:
+    text = b"\\begin{tabular}{ll}\nh (mm) & F (N) \\\\ \\hline\n20 & 3 \\\\\n40 & 2 \\\\\n\\end{tabular}\n"
+    answer = nearlift("inspect", written.put(tmp_path, "t.tex", text))
+    assert (answer.exit_code, "export it as CSV" in answer.stderr) == (4, True)
+
+
 def test_means_with_decimal_commas(tmp_path: Path) -> None:
     rows = (
         "h;gas;Schub\n20 mm;30 %;1,20 ± 0,01 N\n20 mm;50 %;1,25 ± 0,02 N\n4,5 mm;30 %;1,1 ± 0,2 N\n"
@@ -120,7 +191,7 @@ def test_means_with_decimal_commas(tmp_path: Path) -> None:
 def test_cells_in_several_units_are_named(tmp_path: Path) -> None:
     rows = "".join(f"{h},40 %,{2 + 1 / i} N\n" for i, h in enumerate(("8 mm", "4 cm", "9 cm"), 1))
     seen = inspect(written.put(tmp_path, "t.csv", f"height,throttle,lift\n{rows}".encode()))
-    assert "column 'height' is not read: row 1 has '8 mm'" in " ".join(notes(seen))
+    assert "column 'height', row 1 is '8 mm'" in " ".join(notes(seen))
 
 
 def test_a_maximum_is_no_lift_and_two_cells_are_no_table_of_means(tmp_path: Path) -> None:
@@ -140,7 +211,8 @@ def test_a_record_in_steps_that_logs_its_distance_is_no_table_of_means(tmp_path:
     assert inspect(path).table is None
 
 
-def test_distances_in_rotor_radii_are_read_as_such(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("unit", "unit_mm"), [("R", 23), ("2 R", 46)])
+def test_distances_in_rotor_radii_and_diameters(tmp_path: Path, unit: str, unit_mm: float) -> None:
     root = small_run.write_means(tmp_path / "raw", 24)
     text = (root / "campaign.toml").read_text()
     before = read_schedule(manifests.load(root), root).z_hat
@@ -148,9 +220,9 @@ def test_distances_in_rotor_radii_are_read_as_such(tmp_path: Path) -> None:
     place = header.split(",").index("distance")
     cells = [row.split(",") for row in rows]
     for row in cells:
-        row[place] = f"{float(row[place]) / 23:.6f}"
+        row[place] = f"{float(row[place]) / unit_mm:.6f}"
     (root / "trials.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
-    (root / "campaign.toml").write_text(text.replace('distance = "mm"', 'distance = "R"'))
+    (root / "campaign.toml").write_text(text.replace('distance = "mm"', f'distance = "{unit}"'))
     assert read_schedule(manifests.load(root), root).z_hat == pytest.approx(before, rel=1e-5)
 
 

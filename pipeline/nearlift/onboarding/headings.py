@@ -22,7 +22,7 @@ from nearlift.readers.base import (
     split_unit,
     unit_word,
 )
-from nearlift.schedule import BY_NAME, KNOWN, RADII
+from nearlift.schedule import BY_NAME, DIAMETERS, KNOWN, RADII
 
 WORDS = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
 #: Times since 1970 of records, s (1995 to 2096), and their dates in days of a spreadsheet and of
@@ -44,10 +44,12 @@ def named(heading: str) -> tuple[str, str]:
         return f"{within[1].rstrip()} {within[3]}", inner
     if heading.rstrip().endswith("%"):
         return heading.rstrip(" %"), "percent"
-    # the unit last, as in "Kraft / N", "Thrust, gf" and "Zeit in s"
-    for sign in (" / ", ",", " in "):
+    # the unit last, as in "Kraft / N", "h/mm", "Thrust, gf" and "Zeit in s"
+    for sign in (" / ", ",", " in ", "/"):
         head, _, last = heading.strip().rpartition(sign)
-        if head and (stated := unit_word(last)):
+        # a unit of its own: m/s
+        is_unit = sign == "/" and (unit_word(head) or not head.isalpha()) and last in SECONDS
+        if head and not is_unit and (stated := unit_word(last)):
             return head, stated
     head, _, suffix = heading.strip().rpartition("_")
     # a lower-case n is newtons in the name of a force
@@ -127,14 +129,19 @@ def stamp_unit(clock: FloatArray) -> str:
 # ---- columns of a schedule
 
 
+def is_own_name(heading: str) -> bool:
+    """Whether a heading is the name of a schedule's column, its unit left out."""
+    return fold(named(heading)[0]).replace(" ", "_") in BY_NAME
+
+
 def schedule_column(heading: str) -> tuple[str, str]:
     """Column of the schedule that a heading means, and its unit; each may be empty."""
     bare, unit = named(heading)
     ratios = {fold(heading).replace("_over_", "/").replace(" ", ""), fold(unit)}
     if ratios & {*WORDS["radii"]} or unit == RADII:
         return "distance", RADII
-    if ratios & {*WORDS["diameters"]}:
-        return "", ""
+    if ratios & {*WORDS["diameters"]} or unit == DIAMETERS:
+        return "distance", DIAMETERS
     plain, others = fold(bare).replace("_", " "), WORDS["columns"]
     may = [k for k in KNOWN if plain in (k.name.replace("_", " "), *others.get(k.name, ()))]
     # a unit of another dimension makes it another quantity
@@ -143,7 +150,8 @@ def schedule_column(heading: str) -> tuple[str, str]:
         if written or (known.kind != "quantity" and not unit):
             return known.name, written
     if may and not unit:
-        return may[0].name, ""
+        # one letter for two quantities
+        return (may[0].name if len(may) == 1 else ""), ""
     if says(heading, "other_statistic", "scatter"):
         return "", ""
     for column in (c for c, one in WORDS["one_word"].items() if words(heading) & {*one}):

@@ -141,6 +141,8 @@ def _reader_of(path: Path) -> Reader:
             "is a DataFlash log (.BIN) of ArduPilot: a flight, and no record of a load cell",
             "name the file that the load cell's logger wrote",
         )
+    if b"\\hline" in head or b"\\begin{tabular" in head:
+        raise InputRefused(str(path), "is a table of LaTeX", "export it as CSV")
     name = path.name.casefold()
     return next((r for r in readers.readers() if r.recognises(head, name)), TEXT)
 

@@ -88,7 +88,7 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
         )
     if len(inspected) == 1 and first.table is not None and first.table.means:
         made = _write(folder, proposal.for_means(), first.table.schedule(), ())
-        return replace(made, notes=tuple(notes))
+        return replace(made, notes=(*notes, *first.table.notes))
     if listing in paths:
         raise UsageError(
             str(listing),
@@ -108,7 +108,12 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
 def _write(
     folder: Path, records: TOMLDocument, schedule: ProposedSchedule, more: Sequence[str]
 ) -> Made:
-    """Write the manifest, and the schedule unless it exists; `more` is left to fill in."""
+    """Write the manifest, and the schedule unless it exists; `more` is left to fill in.
+
+    Raises the schedule's first refusal.
+    """
+    for refusal in schedule.refusals:
+        raise refusal
     path, manifest = folder / "trials.csv", folder / "campaign.toml"
     written = [manifest]
     if path.exists():
@@ -260,9 +265,9 @@ def _schedule(
         taken = [name for name in COVARIATES if name in means and name not in schedule.units]
         cells = means[taken].map("{:.6g}".format).reindex(schedule.trials["trial"]).fillna("")
         further = inspected[0].further
-        schedule = ProposedSchedule(
-            schedule.trials.assign(**{name: cells[name].to_numpy() for name in taken}),
-            schedule.units | {name: further[name][1] for name in taken},
+        schedule = schedule._replace(
+            trials=schedule.trials.assign(**{name: cells[name].to_numpy() for name in taken}),
+            units=schedule.units | {name: further[name][1] for name in taken},
         )
         words = [f"{name}, the mean of {further[name][0].name!r}" for name in taken]
         notes += [f"trials.csv has from each record: {'; '.join(words)}"] if words else []

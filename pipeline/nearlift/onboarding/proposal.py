@@ -18,7 +18,7 @@ from nearlift.onboarding.inspection import UNNAMED, Inspection
 from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
 from nearlift.readers.base import AS_FORCE, FORCE_UNITS, rate_of
-from nearlift.schedule import BY_NAME, RADII, REQUIRED
+from nearlift.schedule import BY_NAME, DIAMETERS, RADII, REQUIRED
 
 HERE = Path(__file__).parent
 #: Share of the rest head that is left as margin, and of the records that the margin is for.
@@ -106,8 +106,8 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
     given = trials["units"] = tomlkit.table()
     for name, unit in schedule.units.items():
         usual = units.USUAL.get(BY_NAME[name].dimension, (units.SI[BY_NAME[name].dimension],))
-        remark = "" if unit else " | ".join(usual)
-        _set(given, name, unit or BLANK, "rotor radii" if unit == RADII else remark)
+        remark = {"": " | ".join(usual), RADII: "rotor radii", DIAMETERS: "rotor diameters"}
+        _set(given, name, unit or BLANK, remark.get(unit, ""))
     if "lift" in schedule.units and "lift_sd" not in schedule.units:
         unit = schedule.units["lift"] or "N"
         given.add(tomlkit.comment(f'lift_sd = "{unit}"     # standard deviation of a lift: needed'))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from nearlift.errors import InputRefused
@@ -25,7 +26,7 @@ from nearlift.readers.base import (
 from nearlift.readers.files import content_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
-from nearlift.schedule import BY_NAME, MEANS
+from nearlift.schedule import BLANK, BY_NAME, MEANS
 from nearlift.units import NUMBER
 
 #: Largest table that is taken for a schedule, bytes.
@@ -34,20 +35,23 @@ MOST_BYTES = 4 << 20
 MOST_REPEATS = 50
 #: A throttle within the name of a column of lifts.
 LEVEL = re.compile(r"(?<!\d)(\d+(?:\.\d+)?) ?(?:%|percent|pct|([uµμ]s))")
-#: A mean with its standard deviation: ``1.234 ± 0.005``, or ``1.234(5)`` in its last digits.
+#: A mean with its standard deviation: ``1.234 ± 0.005``, ``1.234 ± 0.4%`` of the mean,
+#: ``1.234(5)`` in its last digits, or ``1.234(0.005)``.
 WITH_SD = re.compile(
-    r"((?<!\d)-?\d+(?:\.(\d*))?)\s*(?:(?:±|\+/-|\+-)\s*(\d+(?:\.\d*)?)|\((\d+)\)?)"
+    r"(-?\d++(?:\.(\d*+))?(?:[eE][-+]?\d++)?)\s*+(?:\((\d++(?:\.\d++)?)\)?"
+    r"|(?:±|\+/-|\+-|\\pm)\s*+(\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?)\s*+(%?))"
 )
-SD_WITH_COMMAS = re.compile(r"\d,\d+\s*(?:±|\+/-|\+-)\s*\d+,\d")
+SD_WITH_COMMAS = re.compile(r"\d,\d++\s*+(?:±|\+/-|\+-|\\pm|\()\s*+\d++[,)]")
 #: Units by which the only column of its kind is known, whatever it is called.
 BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
 
 
 class ProposedSchedule(NamedTuple):
-    """A trials.csv, and the units of its columns (empty: unknown)."""
+    """A trials.csv, the units of its columns (empty: unknown), and refusals of its cells."""
 
     trials: pd.DataFrame
     units: dict[str, str]
+    refusals: tuple[InputRefused, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,12 +59,15 @@ class InputTable:
     """A text table whose `cells` are under a schedule's names where they are known.
 
     `units` are those of the schedule's columns (empty: unknown), `written` their headings.
+    `notes` are remarks on columns that are not taken.
     """
 
+    path: Path
     cells: pd.DataFrame
     units: Mapping[str, str]
     written: Mapping[str, str]
     kind: str
+    notes: tuple[str, ...]
 
     @property
     def lists_trials(self) -> bool:
@@ -81,22 +88,17 @@ class InputTable:
 
     @property
     def contents(self) -> Contents:
-        """Its columns of numbers as channels, under their headings; notes on others that trials
-        need.
+        """Its columns of numbers as channels, under their headings, NaN where a cell is blank;
+        notes on other columns.
         """
-        channels, notes = [], []
+        channels = []
         for name, cells in self.cells.items():
             heading, unit = self.written.get(str(name), str(name)), self.units.get(str(name), "")
-            bad = cells[~cells.map(_is_number)]
-            if bad.empty:
-                values = pd.to_numeric(cells.replace("", "nan")).to_numpy(float)
+            if cells.map(_is_number).all() and not _blank(cells).all():
+                values = cells.mask(_blank(cells), "nan").to_numpy(np.float64)
                 channels.append(Channel(name=heading, unit=unit, values=values))
-            elif name in self.units and BY_NAME[str(name)].kind == "quantity" and name != "start":
-                what = (
-                    f"row {bad.index[0] + 1} has {bad.iloc[0]!r}: a number is needed, or one unit"
-                )
-                notes.append(f"column {heading!r} is not read: {what}")
-        return Contents(channels=tuple(channels), kind=self.kind, notes=tuple(notes))
+        notes = (*self.notes, *(refusal.what for refusal in self.schedule().refusals))
+        return Contents(channels=tuple(channels), kind=self.kind, notes=notes)
 
     def ids(self, wanted: Collection[str]) -> tuple[list[str], list[str]]:
         """Trial of every row, and the wanted names that no row has.
@@ -119,21 +121,39 @@ class InputTable:
         """Schedule of this table.
 
         `ids` are the records of its rows; without them the table has its lifts, and its trials are
-        its own, or counted. `header` is ``"record"`` where records bring their throttle.
+        its own, or counted, and rows without a lift are left out. `header` is ``"record"`` where
+        records bring their throttle.
         """
         left_out = {"trial", header, *["throttle"] * (header == "record")}
         if ids or not self.means:
             left_out |= {*MEANS}
+        cells = self.cells
         if not ids:
-            stated = self.cells.get("trial", pd.Series("", self.cells.index))
+            cells = cells[~_blank(cells["lift"])] if self.means else cells
+            stated = cells.get("trial", pd.Series("", cells.index))
             named = stated.is_unique and stated.all()
             ids = stated.to_list() if named else [str(i + 1) for i in range(len(stated))]
         # names of files stay, under their own heading
-        listed = self.cells.rename(columns={"trial": self.written.get("trial", "trial")})
+        listed = cells.rename(columns={"trial": self.written.get("trial", "trial")})
         trials = listed.drop(columns=left_out, errors="ignore")
         trials.insert(0, header, ids)
         units = {n: u for n, u in self.units.items() if BY_NAME[n].kind == "quantity"}
-        return ProposedSchedule(trials, {n: u for n, u in units.items() if n in trials})
+        units = {n: u for n, u in units.items() if n in trials}
+        return ProposedSchedule(trials, units, tuple(self._refusals(trials[[*units]], cells)))
+
+    def _refusals(self, quantities: pd.DataFrame, cells: pd.DataFrame) -> Iterator[InputRefused]:
+        """Refusals of cells that a schedule cannot have, one for each column."""
+        free = cells.get("boundary", pd.Series("", cells.index)) == "none"
+        for name, column in quantities.drop(columns="start", errors="ignore").items():
+            bad = ~column.map(_is_number)
+            if name in ("distance", "throttle"):
+                bad |= _blank(column) & ~(free & (name == "distance"))
+            for row, cell in column[bad].head(1).items():
+                where = f"column {self.written[str(name)]!r}, row {int(str(row)) + 1}"
+                remedy = "write a number into each row, all in one unit (merged cells show it"
+                remedy += " once); only in free air, boundary none, is there no distance"
+                what = f"{where} is {cell!r}: a number is needed"
+                yield InputRefused(str(self.path), what, remedy)
 
 
 def trial_of(file: Path) -> str:
@@ -166,20 +186,24 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
     names, cells = _lengthened(stated, cells)
     written = list(layout.names) if names == stated else list(names)
     for place, name in enumerate(list(names)):
-        if cells[place].str.fullmatch(WITH_SD).all():
+        pairs = [pair for cell in cells[place] if (pair := _mean_and_sd(cell))]
+        if len(pairs) == len(cells) and any(sd for _, sd in pairs):
             bare, unit = headings.named(name)
-            pairs = map(_mean_and_sd, cells[place])
             cells[place], cells[len(names)] = zip(*pairs, strict=True)
             for headers in (names, written):
                 headers.append(f"{bare} sd ({unit})" if unit else f"{bare} sd")
-    meant = _columns_meant(names, [cells[place].to_list() for place in cells])
-    places = {place: name for name, (place, _) in sorted(meant.items(), key=lambda x: x[1][0])}
+    meant, notes = _columns_meant(names, [cells[place].to_list() for place in cells])
+    places = {place: name for name, (place, _) in meant.items()}
     places |= {p: n for p, n in enumerate(written) if p not in places and n not in BY_NAME}
+    if "lift" in meant and (lost := int(_blank(cells[meant["lift"][0]]).sum())):
+        notes.append(f"{lost} of {len(cells)} rows have no lift: `nearlift new` leaves them out")
     return InputTable(
+        path=path,
         cells=cells[list(places)].set_axis(list(places.values()), axis="columns"),
         units={name: unit for name, (_, unit) in meant.items()},
         written={name: written[place] for name, (place, _) in meant.items()},
         kind=f"table: {layout.spoken}" if layout.spoken else "table",
+        notes=tuple(notes),
     )
 
 
@@ -193,9 +217,9 @@ def _without_bars(content: bytes) -> bytes:
 
 def _without_unit(name: str, cells: pd.Series[str]) -> tuple[str, pd.Series[str]]:
     """Heading with the one unit of cells such as ``30 mm``, and the cells without it."""
-    pairs = cells.map(parted)
-    numbers = pairs.map(lambda pair: _is_number(pair[0]) or bool(WITH_SD.fullmatch(pair[0])))
-    units = {unit for _, unit in pairs[numbers]}
+    pairs = cells.map(lambda cell: (cell, "") if WITH_SD.fullmatch(cell) else parted(cell))
+    numbers = pairs.map(lambda pair: _mean_and_sd(pair[0]) is not None)
+    units = {unit for _, unit in pairs[~_blank(cells)]}
     bare, unit = headings.named(name)
     is_id = headings.schedule_column(name)[0] == "trial"
     if len(units) != 1 or units == {""} or not numbers.all() or is_id or unit not in ("", *units):
@@ -203,11 +227,20 @@ def _without_unit(name: str, cells: pd.Series[str]) -> tuple[str, pd.Series[str]
     return f"{bare} ({units.pop()})", pairs.map(lambda pair: pair[0])
 
 
-def _mean_and_sd(cell: str) -> tuple[str, str]:
-    """The two numbers of a cell that `WITH_SD` matches."""
-    mean, decimals, sd, digits = WITH_SD.fullmatch(cell).groups()  # type: ignore[union-attr]
+def _mean_and_sd(cell: str) -> tuple[str, str] | None:
+    """Mean and standard deviation (empty: none) of a cell; None where it has other content."""
+    if _is_number(cell):
+        return cell, ""
+    match = WITH_SD.fullmatch(cell)
+    if match is None:
+        return None
+    mean, decimals, digits, sd, percent = match.groups()
+    if sd:
+        return mean, f"{abs(float(mean)) * float(sd) / 100:.4g}" if percent else sd
+    if "." in digits:
+        return mean, digits
     places = len(decimals or "")
-    return mean, sd or f"{float(f'{digits}e-{places}'):.{places}f}"
+    return mean, f"{float(f'{digits}e-{places}'):.{places}f}"
 
 
 def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.DataFrame]:
@@ -239,20 +272,25 @@ def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.Da
 
 def _columns_meant(
     names: Sequence[str], columns: Sequence[Sequence[str]]
-) -> dict[str, tuple[int, str]]:
-    """Place and unit of each of the schedule's columns.
+) -> tuple[dict[str, tuple[int, str]], list[str]]:
+    """Place and unit of each of the schedule's columns, and notes on columns that may mean one.
 
-    A column is known by its name, else by the table's shape: the only length, the only force.
+    A column is known by its name, else by the table's shape: the only length, the only force. The
+    schedule's own name comes before others.
     """
     meant: dict[str, tuple[int, str]] = {}
-    for place, name in enumerate(names):
+    notes = []
+    for place, name in sorted(enumerate(names), key=lambda x: not headings.is_own_name(x[1])):
         known, unit = headings.schedule_column(name)
         # a time of day has no unit
         is_number = known != "start" or NUMBER.fullmatch(columns[place][0])
+        if known in meant and BY_NAME[known].kind == "quantity":
+            taken = names[meant[known][0]]
+            notes.append(f"column {name!r} may be the {known}, too: {taken!r} is taken for it")
         if known:
             meant.setdefault(known, (place, unit if is_number else "s"))
-    taken = {place for place, _ in meant.values()}
-    numeric = [p for p, c in enumerate(columns) if p not in taken and all(map(_is_number, c))]
+    places = {place for place, _ in meant.values()}
+    numeric = [p for p, c in enumerate(columns) if p not in places and all(map(_is_number, c))]
     units = {p: headings.named(names[p])[1] for p in numeric}
     for known, usual in BY_UNIT.items():
         fitting = [p for p in numeric if units[p] in usual]
@@ -261,20 +299,33 @@ def _columns_meant(
             numeric.remove(fitting[0])
     forces = {p: AS_FORCE.get(units[p], units[p]) for p in numeric}
     forces = {p: unit for p, unit in forces.items() if unit in ("", *FORCE_UNITS)}
-    scatter = [p for p in forces if headings.says(names[p], "scatter")]
+    errors = [p for p in forces if headings.says(names[p], "standard_error")]
+    scatter = [p for p in forces if headings.says(names[p], "scatter") and p not in errors]
     if "lift" not in meant and {"distance", "throttle"} <= meant.keys():
         may = [p for p in forces if forces[p] or headings.says(names[p], "lift")]
         may = [p for p in may if not headings.says(names[p], "other_statistic", "scatter")]
         chosen = headings.likely_force([(names[p], forces[p]) for p in may])
         if chosen is not None:
             meant["lift"] = may[chosen], forces[may[chosen]]
-    if "lift" in meant and "lift_sd" not in meant and len(scatter) == 1:
-        meant["lift_sd"] = scatter[0], forces[scatter[0]]
-    return meant
+    if "lift" in meant and "lift_sd" not in meant:
+        if len(scatter) == 1:
+            meant["lift_sd"] = scatter[0], forces[scatter[0]]
+        notes += [
+            f"column {names[p]!r} is not read: a standard error times the square root of n is"
+            " lift_sd"
+            for p in errors
+        ]
+    return dict(sorted(meant.items(), key=lambda item: item[1])), notes
+
+
+def _blank(cells: pd.Series[str]) -> pd.Series[bool]:
+    return cells.str.lower().isin(BLANK)
 
 
 def _is_number(cell: str) -> bool:
-    return not cell or (NUMBER.fullmatch(cell) is not None and math.isfinite(float(cell)))
+    """Whether a cell is a finite number, or blank."""
+    number = NUMBER.fullmatch(cell) and math.isfinite(float(cell))
+    return bool(number) or cell.lower() in BLANK
 
 
 def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
