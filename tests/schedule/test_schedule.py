@@ -104,11 +104,15 @@ def test_a_turn_is_a_turn(tmp_path: Path, unit: str, factor: float) -> None:
 
 
 def test_further_columns_are_kept_and_a_likely_slip_is_noted(tmp_path: Path) -> None:
-    head = "trial,boundary,distance,throttle,propeller,nut torque,suply\n"
-    got = read(tmp_path, head + "a,ground,43,25,A,1.5,4\nb,ground,43,50,B,,4\n")
+    head = "trial,boundary,distance,throttle,propeller,nut torque,suply,lift_se\n"
+    got = read(tmp_path, head + "a,ground,43,25,A,1.5,4,1\nb,ground,43,50,B,,4,1\n")
     assert list(got.covariates["propeller"]) == ["A", "B"]
     np.testing.assert_array_equal(got.covariates["nut torque"], [1.5, np.nan])
-    assert got.notes == ("trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",)
+    assert got.notes == (
+        "trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",
+        "trials.csv: column 'lift_se' is kept as it is; a standard error times the square root of"
+        " n is lift_sd",
+    )
     # names of files, from which `nearlift new` took the ids
     rows = "trial,record,boundary,distance,throttle\na,a,ground,43,25\nb,b.csv,ground,43,50\n"
     assert read(tmp_path, rows).notes == ()

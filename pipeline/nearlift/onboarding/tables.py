@@ -38,7 +38,7 @@ LEVEL = re.compile(r"(?<!\d)(\d+(?:\.\d+)?) ?(?:%|percent|pct|([uµμ]s))")
 #: A mean with its standard deviation: ``1.234 ± 0.005``, ``1.234 ± 0.4%`` of the mean,
 #: ``1.234(5)`` in its last digits, or ``1.234(0.005)``.
 WITH_SD = re.compile(
-    r"(-?\d++(?:\.(\d*+))?(?:[eE][-+]?\d++)?)\s*+(?:\((\d++(?:\.\d++)?)\)?"
+    r"((?<!\d)-?\d++(?:\.(\d*+))?(?:[eE][-+]?\d++)?)\s*+(?:\((\d++(?:\.\d++)?)\)?"
     r"|(?:±|\+/-|\+-|\\pm)\s*+(\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?)\s*+(%?))"
 )
 SD_WITH_COMMAS = re.compile(r"\d,\d++\s*+(?:±|\+/-|\+-|\\pm|\()\s*+\d++[,)]")
