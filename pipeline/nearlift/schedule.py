@@ -40,6 +40,7 @@ BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
 INVISIBLE = ("Cc", "Cf", "Zl", "Zp")
 REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
+STANDARD_ERROR = "a standard error times the square root of n is lift_sd"
 #: Units of distances that are multiples of the rotor radius, and of its diameter.
 RADII, DIAMETERS = "R", "2 R"
 #: Column of the record's id, in a schedule of records and in trials.parquet.
@@ -401,7 +402,7 @@ def of_columns(
         files = all(map(str.startswith, column.texts, columns["trial"].texts))
         hint = did_you_mean(name, [n for n in BY_NAME if n not in columns])
         if re.search(r"(?:^|[ _])(?:se|sem)(?:$|[ _(])", name):
-            hint = "a standard error times the square root of n is lift_sd"
+            hint = STANDARD_ERROR
         if hint and not files:
             notes.append(f"{path.name}: column {name!r} is kept as it is; {hint}")
         filled = [t for t in column.texts if t.lower() not in BLANK]

@@ -12,7 +12,7 @@ from tests.unit.bench_campaign import write_schedule
 from tests.unit.manifests import UNITS, manifest
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.schedule import Schedule, read_schedule, visits
+from nearlift.schedule import STANDARD_ERROR, Schedule, read_schedule, visits
 
 HEAD = "trial,boundary,distance,throttle\n"
 
@@ -110,8 +110,7 @@ def test_further_columns_are_kept_and_a_likely_slip_is_noted(tmp_path: Path) -> 
     np.testing.assert_array_equal(got.covariates["nut torque"], [1.5, np.nan])
     assert got.notes == (
         "trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",
-        "trials.csv: column 'lift_se' is kept as it is; a standard error times the square root of"
-        " n is lift_sd",
+        "trials.csv: column 'lift_se' is kept as it is; " + STANDARD_ERROR,
     )
     # names of files, from which `nearlift new` took the ids
     rows = "trial,record,boundary,distance,throttle\na,a,ground,43,25\nb,b.csv,ground,43,50\n"

@@ -26,7 +26,7 @@ from nearlift.readers.base import (
 from nearlift.readers.files import content_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.text import cells_of
-from nearlift.schedule import BLANK, BY_NAME, MEANS
+from nearlift.schedule import BLANK, BY_NAME, MEANS, STANDARD_ERROR
 from nearlift.units import NUMBER
 
 #: Largest table that is taken for a schedule, bytes.
@@ -310,11 +310,7 @@ def _columns_meant(
     if "lift" in meant and "lift_sd" not in meant:
         if len(scatter) == 1:
             meant["lift_sd"] = scatter[0], forces[scatter[0]]
-        notes += [
-            f"column {names[p]!r} is not read: a standard error times the square root of n is"
-            " lift_sd"
-            for p in errors
-        ]
+        notes += [f"column {names[p]!r} is not read: {STANDARD_ERROR}" for p in errors]
     return dict(sorted(meant.items(), key=lambda item: item[1])), notes
 
 
