@@ -26,7 +26,7 @@ from nearlift import terminal  # noqa: E402
 from nearlift.errors import ProductError, UsageError, brief  # noqa: E402
 from nearlift.planning.question import ROUNDS, VisitQuestion  # noqa: E402
 from nearlift.printing import say  # noqa: E402
-from nearlift.run.engine import Stage  # noqa: E402
+from nearlift.run.engine import MANIFEST, Stage  # noqa: E402
 from nearlift.stages import ORDER, STAGES  # noqa: E402
 from nearlift.terminal import HEADINGS, Call, Command, Commands  # noqa: E402
 from nearlift.version import __version__  # noqa: E402
@@ -47,9 +47,21 @@ Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input u
 refused; 5 a fit did not converge; 130 interrupted.
 """
 PATH = click.Path(path_type=Path)
+
+
+class CampaignFolder(click.Path):
+    """Folder of a campaign, for which its manifest may be given."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Folder as a path."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        return path.parent if path.name == MANIFEST and path.is_file() else path
+
+
+CAMPAIGN = CampaignFolder(path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
 flag = functools.partial(click.option, is_flag=True)
-campaign_argument = click.argument("campaign", type=PATH)
+campaign_argument = click.argument("campaign", type=CAMPAIGN)
 dialect_option = click.option(
     "--dialect",
     default="",
@@ -225,7 +237,7 @@ def get_data(call: Call, name: str, folder: Path | None, registry: Path | None) 
     heading=RUN,
     example="run raw/my-rig\nrun raw/a raw/b --executor processes:2\nrun --dry-run raw/my-rig",
 )
-@click.argument("campaigns", type=PATH, nargs=-1, required=True, metavar="CAMPAIGN...")
+@click.argument("campaigns", type=CAMPAIGN, nargs=-1, required=True, metavar="CAMPAIGN...")
 @click.option("--only", type=click.Choice(ORDER), help="Run this stage alone, stale or not.")
 @flag("--dry-run", help="Run nothing; say which stages are stale, and why.")
 @flag("--check", help="Run nothing; list files that differ from provenance.json, exit 4 if any.")
@@ -444,7 +456,7 @@ def stage_command(stage: Stage) -> Command:
     return Command(
         stage.name,
         callback=run_stage,
-        params=[click.Argument(["campaign"], type=PATH), *stage.question],
+        params=[click.Argument(["campaign"], type=CAMPAIGN), *stage.question],
         help=f"{stage.summary[0].upper()}{stage.summary[1:]}.\n\n{' '.join(filter(None, text))}",
         heading=SINGLE,
         example=example + (f"\n{example} {stage.example}" if stage.example else ""),

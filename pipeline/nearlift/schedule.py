@@ -451,6 +451,11 @@ def _check_names(
     for name in (n for n in lacking if n != "distance" or not free_air):
         hint = did_you_mean(name, [c for c in columns if c not in BY_NAME])
         add_it = f"add it, or set it for all under [trials.constants]: {name} = ..."
+        if name == "trial":
+            different = [c for c in columns.values() if len({*c.texts}) == len(c.texts)]
+            listed = ", ".join(repr(c.name) for c in different if c.name not in BY_NAME)
+            add_it = "it names each trial's record: " + (f"rename {listed}, or " * bool(listed))
+            add_it += "add a column of ids"
         remedy = hint.replace("did you mean", "is it") or add_it
         raise ManifestError(str(path), f"has no column {name!r}", remedy)
     reader, means = campaign.records.reader, [name for name in MEANS if name in columns]

@@ -148,9 +148,27 @@ def test_one_long_table_of_parquet_makes_a_campaign(tmp_path):
     assert (records["reader"], records["files"]) == ("parquet", "records.parquet")
     listed = pd.read_csv(tmp_path / "c" / "trials.csv")["trial"].tolist()
     assert sorted(row.partition(",")[0] for row in rows[1:]) == sorted(listed)
+    # a schedule next to the table is kept
+    (tmp_path / "c" / "campaign.toml").unlink()
+    _, rows, _ = new(tmp_path / "c", tmp_path / "c" / "records.parquet")
+    assert [row.partition(",")[0] for row in rows[1:]] == listed
     both = [tmp_path / "c" / "records.parquet", tmp_path / "new" / "records.parquet"]
     refused = nearlift("new", tmp_path / "other", "--from", *both)
     assert (refused.exit_code, "names 2 tables" in refused.stderr) == (2, True)
+
+
+def test_the_head_and_sign_of_a_long_table_are_those_of_its_trials(tmp_path):
+    """Rest is short, so that the table as a whole shows neither."""
+    t, force = sweeps.started(1.0, 0.0, 80, 1, 8.0)
+    trials = [pd.DataFrame({"trial": f"t{i}", "t_s": t, "force_N": -force}) for i in range(6)]
+    pd.concat(trials).to_parquet(tmp_path / "rec.parquet", index=False)
+    manifest, _, _ = new(tmp_path / "c", tmp_path / "rec.parquet")
+    cell = manifest["load_cell"]
+    assert (cell["sample_rate"], cell["tare"]) == ("80 Hz", "0.91 s")
+    assert (float(cell["settle"].split()[0]) < 1, manifest["records"]["force"]["sign"]) == (
+        True,
+        -1,
+    )
 
 
 def test_records_alone_give_a_manifest_with_the_rest_to_fill_in(tmp_path):

@@ -169,6 +169,7 @@ def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:
         ("tv_sec", "tv_usec", 1e-6),
         ("Seconds", "Milliseconds", 1e-3),
         ("time (s)", "time (ms)", 1e-3),
+        ("seconds", "microseconds", 1e-6),
     ],
 )
 def test_a_clock_in_two_columns_is_read_as_one(

@@ -301,11 +301,24 @@ def doubled_clock(raw: Path) -> None:
     everywhere(lambda c: record(2 * PLACE / RATE, [float(x) for x in c.decode().split()[1:]]))(raw)
 
 
+def wrapping_counter(raw: Path) -> None:
+    """Counts whose tare is just below the end of a converter of 24 bits."""
+    counts = '"count", sign = 1, calibration = { gain = "1e-4 mN/count", offset = "0 count" }'
+    edit(raw, "campaign.toml", '"mN", sign = 1', counts)
+    for path in (raw / "trials").iterdir():
+        force = np.array(path.read_text().split()[1:], dtype=float)
+        wrapped = (np.round(1e4 * force) + (1 << 24) - 1_000_000) % (1 << 24) - (1 << 23)
+        path.write_text("force\n" + "".join(f"{c:.0f}\n" for c in wrapped))
+
+
 OUT = "leads outside the campaign's folder"
 STOPPED: dict[str, tuple[Edit, int, str]] = {
     "12 gram-force read as newton": (manifest('unit = "mN"', 'unit = "N"'), 4, "times the weight"),
     "12 a unit that the header contradicts": (unit_of_header, 4, "states 'Thrust (gf)' in gf, the manifest says N: a factor of 0.009807"),
     "12 the impossible cm": (manifest('distance = "mm"', 'distance = "cm"'), 4, "300 cm is outside the 1.5 m arena; mm?"),
+    "12 a counter that wraps": (wrapping_counter, 4, "from one sample to the next: the converter's counter wraps"),
+    "13 Parquet called csv": (everywhere(lambda c: b"PAR1\0\0" + c), 4, "is no file for reader = 'csv'\n  [records] reader = \"parquet\" reads one long Parquet table"),
+    "13 HDF5 called txt": (everywhere(lambda c: b"\x89HDF\r\n\x1a\n\0" + c, "text"), 4, '[records] reader = "hdf5" reads HDF5'),
     "13 decimal commas in a csv": (everywhere(lambda c: c.replace(b".", b",")), 4, "has 2 cells under 1 column names"),
     "13 ambiguous commas": (everywhere(lambda c: b"force\n" + b"1,234\n" * 500, "text"), 4, "'1,234' may be 1.234 or 1234\n  say which"),
     "14 duplicate column names": (everywhere(lambda c: b"force,force\n1,2\n"), 4, "has more than one column 'force'"),

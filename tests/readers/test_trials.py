@@ -120,7 +120,10 @@ def test_a_record_that_is_refused_is_a_row_and_most_of_them_are_a_refusal(
 @pytest.mark.parametrize(
     ("kept", "match"),
     [
-        (None, r"none of the 8 trials has a record\n.*'t00'"),
+        (
+            None,
+            r"none of the 8 trials has a record\n  the first, 't00', .*: did you mean '.*/T00.csv'",
+        ),
         ("force\n", r"all 8 trials are rejected \(NO_DATA 8\)"),
     ],
 )
@@ -128,7 +131,7 @@ def test_no_record_and_no_good_one_are_refused(
     root: Path, tmp_path: Path, kept: str | None, match: str
 ) -> None:
     for path in (root / "trials").iterdir():
-        path.unlink() if kept is None else path.write_text(kept)
+        path.rename(path.with_stem(path.stem.upper())) if kept is None else path.write_text(kept)
     refused(root, tmp_path, InputRefused, match)
 
 

@@ -167,8 +167,10 @@ def test_a_constant_tare_among_noisy_ones_is_stuck(u_zero: list[float], stuck: l
 def test_a_record_of_another_trial_is_named() -> None:
     columns = {
         "source_sha256": np.array(["a", "b", "a"], dtype=object),
-        "lift_N": np.array([0.2, 0.2, 0.2]),
+        "lift_N": np.array([0.2, 0.3, 0.2]),
         "sd_N": np.ones(3),
+        "u_lift_N": np.full(3, 0.01),
+        "drift_N_s": np.zeros(3),
         "n": np.full(3, 1000),
     }
     codes: list[list[str]] = [[], [], []]
@@ -176,6 +178,22 @@ def test_a_record_of_another_trial_is_named() -> None:
     notes = judge.record_codes(columns, codes, owners, manifest())
     assert notes == ["the record of t3 is that of t1, byte for byte"]
     assert codes == [[], [], ["DUPLICATE"]]
+
+
+def test_a_record_saved_with_fewer_digits_is_that_of_the_other_trial() -> None:
+    columns = {
+        "source_sha256": np.array(["a", "b", "c"], dtype=object),
+        "lift_N": np.array([0.2000001, 0.2, 0.20001]),
+        "sd_N": np.array([0.1, 0.1000001, 0.1]),
+        "u_lift_N": np.full(3, 0.001),
+        "drift_N_s": np.array([0.0, 1e-8, 0.0]),
+        "n": np.full(3, 1000),
+    }
+    codes: list[list[str]] = [[], [], []]
+    owners = np.array(["t1", "t2", "t3"], dtype=object)
+    notes = judge.record_codes(columns, codes, owners, manifest())
+    assert notes == ["the record of t2 has the samples of t1, rounded"]
+    assert codes == [[], ["DUPLICATE"], []]
 
 
 def test_a_lift_of_another_throttle_is_marked_where_repeats_show_it() -> None:

@@ -34,3 +34,22 @@ def test_a_counter_that_wraps_is_said_and_no_other_step() -> None:
     spike = force.copy()
     spike[100] = -39946
     assert wrap_of(spike) is None
+    # a force in one step, though of few counts
+    assert wrap_of(np.round(100 * force), in_counts=True) is None
+
+
+@pytest.mark.parametrize(("codes", "lowest"), [(1 << 24, -(1 << 23)), (1 << 16, 0)])
+@pytest.mark.parametrize("lift", [0.08, 0.3])
+def test_a_counter_wraps_by_a_step_of_lift_or_of_noise(codes: int, lowest: int, lift: float):
+    rng = np.random.default_rng(1)
+    counts = np.where(np.arange(400) < 150, -0.004, lift) + 0.0005 * rng.standard_normal(400)
+    # the tare is near the end of the counter, or the lift just at it
+    for end in (0.0, lift):
+        counter = (np.round((counts - end) * codes) + lowest) % codes
+        counter = np.where(counter >= codes + lowest, counter - codes, counter)
+        steps = end == 0.0 and codes < 1 << 24
+        assert (wrap_of(counter, in_counts=True) is None) == steps
+    # an error code is one reading
+    spikes = np.round((0.2 + 0.1 * counts) * codes)
+    spikes[[20, 90, 200, 300]] = lowest
+    assert wrap_of(spikes, in_counts=True) is None

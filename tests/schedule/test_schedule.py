@@ -128,6 +128,8 @@ def test_remarks_above_the_header_are_no_rows_and_lines_keep_their_numbers(
     assert list(read(tmp_path, text.replace("x", "50")).trial) == ["a", "b"]
     with pytest.raises(ManifestError, match=r"has no column 'trial'\n  is it '#trial'\?"):
         read(tmp_path, f"#{HEAD}a,ground,43,25\n")
+    with pytest.raises(ManifestError, match=r"names each trial's record: rename 'essai', or add"):
+        read(tmp_path, f"{HEAD.replace('trial', 'essai')}a,ground,43,25\nb,ground,60,25\n")
 
 
 def test_constants_stand_for_columns(tmp_path: Path) -> None:

@@ -190,7 +190,8 @@ def test_4_for_records_that_are_not_there_and_a_stage_before_its_time(raw, tmp_p
     assert re.search(r"none of the 112 trials has a record|no file", answer.stderr)
     left = {"processed/small/.lock", "processed/small/inputs-cache.json"}
     assert not {*state(tmp_path / "out")} - left
-    answer = nearlift("fit", raw, "--out", tmp_path)
+    # the manifest is taken for its folder
+    answer = nearlift("fit", raw / "campaign.toml", "--out", tmp_path)
     assert answer.exit_code == 4
     assert "trials.parquet: is missing\n  run the stage that writes it" in answer.stderr
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from nearlift.onboarding import headings, tables
 from nearlift.onboarding.grids import Grid, grid_of
 from nearlift.onboarding.ramp import Ramp, ramp_of
 from nearlift.onboarding.tables import InputTable
+from nearlift.readers import parquet
 from nearlift.readers.base import SECONDS, Channel, Contents, Reader, RecordsDialect, rate_of
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.files import GZIP, content_of, head_of
@@ -47,8 +49,9 @@ class Inspection:
     `further` are channels that are covariates of a schedule, with their unit, by their names there.
 
     Of the force: `doubt` is the reason why its rate is doubtful, and `wraps` the jump of a counter
-    that may have wrapped. `ramp` is given where the record has many lifts, `start` (in samples)
-    where it begins at rest. `sign` is that of the change from rest to lift, 0 where unknown.
+    that may have wrapped. `ramp` is given where the record has many lifts. `starts` (in samples)
+    are those of the file's trials, None where one does not begin at rest. `sign` is that of the
+    change from rest to lift, 0 where unknown.
     """
 
     path: Path
@@ -64,7 +67,7 @@ class Inspection:
     doubt: str = ""
     wraps: float | None = None
     ramp: Ramp | None = None
-    start: RotorStart | None = None
+    starts: tuple[RotorStart | None, ...] = ()
     sign: int = 0
 
 
@@ -224,19 +227,26 @@ def _judged(inspected: Inspection, force: Channel, one_lift: bool) -> Inspection
     if rate_Hz and not USUAL_RATES_HZ[0] <= rate_Hz <= USUAL_RATES_HZ[1]:
         doubt = f"the file says {rate_Hz:.6g} Hz, which no load cell has: its clock is in another"
         doubt += " unit, or these are means of steps"
-    wraps = wrap_of(force.values)
+    parts, is_long = [force.values], inspected.reader == parquet.READER.name
+    # a table without trials is shown, too
+    with contextlib.suppress(InputRefused):
+        trials = parquet.trials(inspected.path).values() if is_long else ()
+        parts = [force.values[first:end] for first, end in trials] or parts
+    wraps = next(filter(None, map(wrap_of, parts)), None)
     # where the rate is doubtful, rows are means already
-    if not (one_lift or doubt or wraps or inspected.reader == "parquet"):
+    if not (one_lift or doubt or wraps or is_long):
         ramp = ramp_of(force, inspected.contents.channels)
-    values = _without_codes(force.values)
+    parts = [_without_codes(part) for part in parts]
     # the rate decides when the start is, and not its way
-    start = None if ramp else start_of(values, rate_Hz or 1.0)
-    if start is not None:
-        lift = np.median(levels_of(values[start.steady_from :]))
-        sign = 1 if lift > np.nanmedian(values[: start.rest_ends]) else -1
-    elif ramp is not None:
+    starts = () if ramp else tuple(start_of(part, rate_Hz or 1.0) for part in parts)
+    for start, part in zip(starts, parts, strict=False):
+        if start is not None:
+            lift = np.median(levels_of(part[start.steady_from :]))
+            sign = 1 if lift > np.nanmedian(part[: start.rest_ends]) else -1
+            break
+    if ramp is not None:
         # a sweep that does not begin near zero shows no rest
-        levels = levels_of(values)
+        levels = levels_of(parts[0])
         largest = levels[np.abs(levels).argmax()]
         sign = int(np.sign(largest)) if abs(levels[0]) < NEAR_ZERO * abs(largest) else 0
     return replace(
@@ -244,7 +254,7 @@ def _judged(inspected: Inspection, force: Channel, one_lift: bool) -> Inspection
         doubt=doubt,
         wraps=wraps,
         ramp=ramp,
-        start=start if rate_Hz else None,
+        starts=starts if rate_Hz else (),
         sign=0 if wraps else sign,
     )
 

@@ -20,6 +20,7 @@ from nearlift.onboarding.inspection import COVARIATES, Inspection, inspect
 from nearlift.onboarding.tables import InputTable, ProposedSchedule, table_of, trial_of
 from nearlift.readers import parquet
 from nearlift.readers.base import RecordsDialect
+from nearlift.readers.files import head_of
 from nearlift.readers.text import CSV, TEXT
 from nearlift.run import tables
 
@@ -172,14 +173,21 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
         table = table_of(path, dialect) if others and path.is_file() else None
         if table is None:
             continue
-        _, lacking = table.ids({trial_of(other) for other in others})
+        records = {trial for other in others for trial in _trials_in(other)}
+        _, lacking = table.ids(records)
         if not lacking:
             return others, table
-        if 2 * len(lacking) < len(others):
-            listed = f"lists {len(others) - len(lacking)} of {len(others)} records, and not"
+        if 2 * len(lacking) < len(records):
+            listed = f"lists {len(records) - len(lacking)} of {len(records)} records, and not"
             remedy = "add a row for each of them, or take their files away"
             raise InputRefused(str(path), f"{listed} {_some(lacking)}", remedy)
     return list(files), None
+
+
+def _trials_in(path: Path) -> Sequence[str]:
+    """Trials of a long table; of any other file its name."""
+    is_long = path.is_file() and parquet.READER.recognises(head_of(path, 4), path.name)
+    return [*parquet.trials(path)] if is_long else [trial_of(path)]
 
 
 def _of_one_kind(inspected: list[Inspection]) -> list[Inspection]:
@@ -220,7 +228,7 @@ def _places(
         )
     copies = {} if inside else {folder / to: path for to, path in zip(places, paths, strict=True)}
     if is_long:
-        return str(places[0]), parquet.trials(paths[0]), copies
+        return str(places[0]), [*parquet.trials(paths[0])], copies
     trials = [trial_of(Path(place)) for place in places]
     kinds = {(p.parent, p.name.removeprefix(t)) for p, t in zip(places, trials, strict=True)}
     if len(kinds) > 1:
@@ -282,7 +290,8 @@ def _schedule(
 def _means(inspected: Inspection) -> dict[str, float]:
     """Mean of each channel that is a covariate, once the lift is steady."""
     n = 0 if inspected.force is None else len(inspected.force.values)
-    first = 0 if inspected.start is None else inspected.start.steady_from
+    start = next(iter(inspected.starts), None)
+    first = 0 if start is None else start.steady_from
     return {
         name: float(np.mean(c.values[first if len(c.values) == n else 0 :]))
         for name, (c, _) in inspected.further.items()

@@ -124,11 +124,13 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
 def _state_head(load_cell: Any, inspected: Sequence[Inspection]) -> None:
     """State a tare and settling that leave a margin, if most records show a rest head."""
     starts = [
-        np.array(f.start) / f.force.rate_Hz
+        np.array(start) / f.force.rate_Hz
         for f in inspected
-        if f.start and f.force and f.force.rate_Hz
+        if f.force and f.force.rate_Hz
+        for start in f.starts
+        if start
     ]
-    if 2 * len(starts) <= len(inspected):
+    if 2 * len(starts) <= sum(max(len(f.starts), 1) for f in inspected):
         return
     begins, steady = np.sort(starts, axis=0).T.tolist()
     early = float(np.quantile(begins, 1 - OF_RECORDS, method="higher"))

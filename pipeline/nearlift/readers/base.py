@@ -29,6 +29,7 @@ from nearlift.readers import files, guarded
 from nearlift.readers.clock import joined, same_clock, two_columns
 from nearlift.readers.files import MARK, Piece
 from nearlift.readers.guarded import Malformed
+from nearlift.reduction.start import wrap_of
 from nearlift.reduction.stretch import usual_step
 
 if TYPE_CHECKING:
@@ -296,6 +297,10 @@ def record_of(
             "correct [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
             " ignore_rate = true } under [records]",
         )
+    if force.unit == "count" and (jump := wrap_of(channel.values, in_counts=True)):
+        what = f"{channel.name!r} jumps by {jump:.6g} counts from one sample to the next:"
+        remedy = "add its codes to the counts past the jump, or take the trial out of the schedule"
+        raise InputRefused(where, f"{what} the converter's counter wraps", remedy)
     factor, zero = force.linear()
     # damaged numbers may be anything
     with np.errstate(over="ignore", invalid="ignore"):

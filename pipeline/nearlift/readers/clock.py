@@ -33,6 +33,7 @@ _IN_SECONDS = re.compile(
     r"(?<![a-zµμ])(n|nano|u|µ|μ|micro|m|milli|)s(?:ec(?:ond)?s?)?[)\]]?$", re.IGNORECASE
 )
 _FRACTIONS = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3}
+_FRACTIONS |= {"nano": 1e-9, "micro": 1e-6, "milli": 1e-3}
 
 
 def is_time(cell: str) -> bool:
@@ -72,7 +73,7 @@ def two_columns(names: tuple[str, ...]) -> list[tuple[str, str, float]]:
     parts: dict[str, dict[str, str]] = {}
     for name in names:
         if match := _IN_SECONDS.search(name):
-            parts.setdefault(name[: match.start()].lower(), {})[match[1][:1].lower()] = name
+            parts.setdefault(name[: match.start()].lower(), {})[match[1].lower()] = name
     return [
         (pair[""], pair[sign], unit_s)
         for pair in parts.values()

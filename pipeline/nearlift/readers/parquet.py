@@ -144,9 +144,9 @@ def _asked(function: Callable[..., Answer], *arguments: object) -> Answer:
         raise InputRefused(str(arguments[0]), what, remedy) from None
 
 
-def trials(path: Path) -> list[str]:
-    """The trials of a long table, in its order; raises `InputRefused` where it is none."""
-    return list(_asked(spans, path, {}))
+def trials(path: Path) -> dict[str, tuple[int, int]]:
+    """First row and end of every trial of a long table; `InputRefused` where it is none."""
+    return _asked(spans, path, {})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from nearlift import readers
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.rig import RECORD_MARK
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.readers import means, segments
 from nearlift.readers.base import Reader, Record, malformed
-from nearlift.readers.files import MARK, Piece, source_of
+from nearlift.readers.files import MARK, Piece, head_of, packing, source_of
 from nearlift.readers.segments import CutPiece
 from nearlift.readers.sweep import is_sweep
 from nearlift.reduction import quality
@@ -49,6 +49,8 @@ SWEPT = (
     f" {RECORD_MARK} for {MARK} in [records] files, call the schedule's column of ids record,"
     " and add the [segments] that `nearlift inspect FILE` proposes for the record"
 )
+#: First bytes of a file that show its format.
+HEAD = 1 << 16
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
 #: A cut file younger than this may be one that an instrument is still writing, ns.
@@ -369,9 +371,12 @@ def _from_records(
     pieces, notes = reader.plan(campaign, root, ids)
     count = sum(len(piece.trials) for piece in pieces)
     if not count:
-        where, what = root / (campaign.records.files or ""), f"none of the {len(ids)} {noun} has"
-        remedy = f"the first would be that of {ids[0]!r}; check [records] files"
-        raise InputRefused(str(where), f"{what} a record", remedy)
+        where, pattern = root / (campaign.records.files or ""), campaign.records.pattern
+        there = [source_of(root, path) for path in root.glob(pattern.replace(MARK, "*"))]
+        first = pattern.replace(MARK, ids[0])
+        hint = did_you_mean(first, there) if MARK in pattern else next(iter(notes), "")
+        remedy = f"the first, {ids[0]!r}, would be in {first}: {hint or 'check [records] files'}"
+        raise InputRefused(str(where), f"none of the {len(ids)} {noun} has a record", remedy)
     known, tares = dict(digests), schedule.covariates.get("tare_after_N")
     after = {} if tares is None else dict(zip(ids, tares, strict=True))
     # a file that many trials share is hashed once, here, and not by every worker
@@ -388,12 +393,13 @@ def _from_records(
         for piece in pieces
     )
     answers: dict[str, RecordAnswer] = {}
-    refusals: list[InputRefused] = []
+    refused, refusals = list[str](), list[InputRefused]()
     for done in spread(reduce_piece, tasks):
         answers |= {answer.record: answer for answer in done}
+        refused += [answer.rows[0]["source"] for answer in done if answer.refusal]
         refusals += [answer.refusal for answer in done if answer.refusal]
         if 2 * len(refusals) > count:
-            raise refusals[0]
+            raise _of_another_format(root / refused[0], reader) or refusals[0]
         say(f"ingest {len(answers)} of {count} {noun}", len(answers) / count)
     if campaign.cuts_records:
         cut = {record: answer.pieces for record, answer in answers.items()}
@@ -410,6 +416,17 @@ def _from_records(
         notes.append(f"{note} ({more}{sources[0]})" if about else note)
     rows = [row for i in ids for row in (answers[i].rows if i in answers else (MISSING,))]
     return schedule, rows, notes
+
+
+def _of_another_format(path: Path, reader: Reader) -> InputRefused | None:
+    """Refusal of a binary file by whose first bytes another reader recognises it."""
+    head, name = head_of(path, HEAD), path.name.casefold()
+    binary = [] if packing(path) else [r for r in readers.readers() if r.guarded and r != reader]
+    for other in binary:
+        if other.recognises(head, name):
+            remedy = f'[records] reader = "{other.name}" reads {other.title}'
+            return InputRefused(str(path), f"is no file for reader = {reader.name!r}", remedy)
+    return None
 
 
 def _remarks_on_cuts(answers: Sequence[RecordAnswer]) -> list[str]:

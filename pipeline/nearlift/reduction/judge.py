@@ -38,6 +38,8 @@ FEWEST_TO_REPEAT = 5
 STOPPED = 0.05
 #: Median u(zero) over median u(lift), above which a constant tare is a fault.
 TARE_SCATTERS = 0.1
+#: Standard uncertainties by which results of one record differ if its samples are rounded again.
+ROUNDED = 1e-3
 #: The columns of a cell.
 CELL = ["boundary", "z_hat", "throttle"]
 #: Places without a boundary's effect.
@@ -70,7 +72,33 @@ def record_codes(
     for i in twice.index:
         codes[i].append("DUPLICATE")
     pairs = twice[["owner", "first"]].drop_duplicates().itertuples(index=False)
-    return [f"the record of {owner} is that of {first}, byte for byte" for owner, first in pairs]
+    notes = [f"the record of {owner} is that of {first}, byte for byte" for owner, first in pairs]
+    if campaign.cuts_records:
+        return notes
+    for i, first in _written_again(columns, rows.index.difference(twice.index), campaign):
+        codes[i].append("DUPLICATE")
+        notes.append(f"the record of {owners[i]} has the samples of {owners[first]}, rounded")
+    return notes
+
+
+def _written_again(
+    columns: Table, rows: pd.Index[int], campaign: Campaign
+) -> list[tuple[int, int]]:
+    """Pairs of rows, the later first, of equal records that were rounded differently: number of
+    samples, lift, scatter and drift agree far within their standard uncertainties.
+    """
+    rate_Hz = campaign.load_cell.sample_rate or 0.0
+    names = ["lift_N", "sd_N", "drift_N_s"]
+    trials = pd.DataFrame({name: columns[name] for name in [*names, "n", "u_lift_N"]}).loc[rows]
+    trials = trials.sort_values(["n", "lift_N"])
+    n, u_lift = trials["n"], trials["u_lift_N"]
+    # the last is that of the slope of a line through n samples
+    u = [u_lift, trials["sd_N"] / (2 * n) ** 0.5, 12**0.5 * u_lift * rate_Hz / n]
+    agree = trials[names].diff().abs() < ROUNDED * np.column_stack(u)
+    alike = agree.all(axis="columns") & (n.diff() == 0)
+    ordered = trials.index.to_list()
+    pairs = [(ordered[k - 1], ordered[k]) for k in np.flatnonzero(alike)]
+    return [(max(pair), min(pair)) for pair in pairs]
 
 
 def mark_constant_tares(columns: Table, codes: Sequence[list[str]]) -> None:

@@ -46,7 +46,7 @@ CODES = {
         "the mean lift is zero, negative, or a small fraction of its throttle's: the rotors did"
         " not turn, or pull the other way"
     ),
-    "DUPLICATE": "the record is byte for byte that of an earlier trial",
+    "DUPLICATE": "the record is that of an earlier trial",
     "EXCLUDED": "excluded by the manifest",
     "truncated": "the file ends within a line; the cut sample was left out",
     "short": "fewer samples than planned, or less than 95 % of the campaign's usual ones",

@@ -5,6 +5,7 @@ A converter's counter that wraps is found, too: a lasting jump far beyond any fo
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +23,12 @@ BAND, DEVIATIONS = 0.1, 5.0
 SEEN = 6.0
 #: Time that a state must last, s.
 LASTS_S = 0.03
-#: Codes of the counters of load cells: 2^16, 2^20, 2^24, 2^32; a lift moves the jump by this share.
-CODES, LIFT_SHARE = (1 << 16, 1 << 20, 1 << 24, 1 << 32), 0.03
+#: Codes of the counters of load cells, and the least share of them by which one jumps that wraps. A
+#: load takes less than half of 24 bits in one direction, while few counts may be of any converter.
+CODES = {1 << 16: 0.95, 1 << 20: 0.95, 1 << 24: 0.5, 1 << 32: 0.5}
+#: Share of a counter by which noise moves its readings across its end; different readings that
+#: distinguish it from an error code.
+ACROSS, DIFFERENT = 0.95, 3
 #: Standard deviations of a sample that a jump has where the scale of the counts is not known, and
 #: samples that it lasts.
 JUMP, LASTS = 3e4, 5
@@ -87,24 +92,37 @@ def _first_that_lasts(
     return at + int(np.argmax(whole)) if whole.any() else None
 
 
-def wrap_of(force: FloatArray) -> float | None:
-    """The size of a jump from one sample to the next that lasts and is no force; None where there
-    is none.
+def wrap_of(force: FloatArray, *, in_counts: bool = False) -> float | None:
+    """The size of a jump from one sample to the next that is no force; None where there is none.
 
-    It has tens of thousands of standard deviations, or all codes of a counter.
+    It lasts and has most codes of a counter, or whole counts go back and forth across a counter's
+    end. Unless the force is known to be `in_counts`, a jump of tens of thousands of standard
+    deviations is one, too.
     """
     known = force[np.isfinite(force)]
     if len(known) < 4 * LASTS:
         return None
     steps = np.abs(np.diff(known))
+    codes, share = _counter(known)
+    across = steps > ACROSS * codes
+    if len(np.unique(known[1:][across])) >= DIFFERENT:
+        return float(steps.max())
     at = int(np.argmax(steps)) + 1
-    before, after = known[max(at - LASTS, 0) : at], known[at : at + LASTS]
-    if len(before) < 1 or len(after) < 1:
-        return None
-    jump = abs(median(after) - median(before))
+    jump = abs(median(known[at : at + LASTS]) - median(known[max(at - LASTS, 0) : at]))
     if jump < 0.5 * steps[at - 1]:
         return None
-    whole = bool((known[:: max(1, len(known) // 100)] % 1 == 0).all())
-    counted = whole and any(abs(jump / codes - 1) < LIFT_SHARE for codes in CODES)
     scatter = SD_PER_MAD * median(steps) / 2**0.5
-    return jump if counted or (scatter > 0 and jump > JUMP * scatter) else None
+    scaled = not in_counts and scatter > 0 and jump > JUMP * scatter
+    return jump if scaled or jump > share * codes else None
+
+
+def _counter(force: FloatArray) -> tuple[float, float]:
+    """The codes of the smallest counter that holds these whole counts, and its share of `CODES`;
+    infinite codes where there is none.
+    """
+    low, high = force.min(), force.max()
+    if (force % 1 == 0).all():
+        for codes, share in CODES.items():
+            if (low >= 0 and high < codes) or -codes / 2 <= low <= high < codes / 2:
+                return codes, share
+    return math.inf, 1.0
