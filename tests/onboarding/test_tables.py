@@ -147,6 +147,8 @@ def test_a_blank_is_a_gap_where_a_trial_can_have_one(tmp_path: Path) -> None:
     [
         ("", "0.3", "column 'h (mm)', row 2 is ''"),
         ("20", "$0.3$", "column 'lift (N)', row 1 is '$0.3$'"),
+        ("20", "0.300(1.5)", "column 'lift (N)', row 1 is '0.300(1.5)'"),
+        ("20", "3.00e-1(15)", "column 'lift (N)', row 1 is '3.00e-1(15)'"),
     ],
 )
 def test_new_refuses_cells_that_ingest_would(tmp_path: Path, h: str, lift: str, said: str) -> None:

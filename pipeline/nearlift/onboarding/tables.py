@@ -237,10 +237,11 @@ def _mean_and_sd(cell: str) -> tuple[str, str] | None:
     mean, decimals, digits, sd, percent = match.groups()
     if sd:
         return mean, f"{abs(float(mean)) * float(sd) / 100:.4g}" if percent else sd
-    if "." in digits:
-        return mean, digits
-    places = len(decimals or "")
-    return mean, f"{float(f'{digits}e-{places}'):.{places}f}"
+    places, of_sd = len(decimals or ""), len(digits.partition(".")[2])
+    # last digits of a power, or in other decimals than the mean: neither is certain
+    if "e" in mean.lower() or of_sd not in (0, places):
+        return None
+    return mean, digits if of_sd else f"{float(f'{digits}e-{places}'):.{places}f}"
 
 
 def _lengthened(names: list[str], cells: pd.DataFrame) -> tuple[list[str], pd.DataFrame]:
