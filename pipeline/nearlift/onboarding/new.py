@@ -281,7 +281,7 @@ def _schedule(
         notes += [f"trials.csv has from each record: {'; '.join(words)}"] if words else []
     if wrapped:
         notes.append(
-            f"{_some(wrapped)}: the force jumps from one sample to the next and stays there. A"
+            f"{_some(wrapped)}: the force jumps from one sample to the next. A"
             " converter's counter may have wrapped: correct the counts, or leave the trial out"
         )
     return schedule, more

@@ -45,7 +45,7 @@ def notes(inspected: Inspection) -> list[str]:
     remarks += [inspected.doubt] if inspected.doubt else []
     if inspected.wraps:
         remarks.append(
-            f"the force jumps by {inspected.wraps:.6g} from one sample to the next and stays there:"
+            f"the force jumps by {inspected.wraps:.6g} from one sample to the next:"
             " a counter of the converter that wraps, and no force"
         )
     if inspected.ramp is not None:

@@ -297,7 +297,7 @@ def record_of(
             "correct [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
             " ignore_rate = true } under [records]",
         )
-    if force.unit == "count" and (jump := wrap_of(channel.values, in_counts=True)):
+    if force.unit == "count" and (jump := wrap_of(channel.values, certain=True)):
         what = f"{channel.name!r} jumps by {jump:.6g} counts from one sample to the next:"
         remedy = "add its codes to the counts past the jump, or take the trial out of the schedule"
         raise InputRefused(where, f"{what} the converter's counter wraps", remedy)

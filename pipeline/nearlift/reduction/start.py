@@ -23,12 +23,12 @@ BAND, DEVIATIONS = 0.1, 5.0
 SEEN = 6.0
 #: Time that a state must last, s.
 LASTS_S = 0.03
-#: Codes of the counters of load cells, and the least share of them by which one jumps that wraps. A
-#: load takes less than half of 24 bits in one direction, while few counts may be of any converter.
-CODES = {1 << 16: 0.95, 1 << 20: 0.95, 1 << 24: 0.5, 1 << 32: 0.5}
-#: Share of a counter by which noise moves its readings across its end; different readings that
-#: distinguish it from an error code.
-ACROSS, DIFFERENT = 0.95, 3
+#: Codes of the counters of load cells. In one direction a load takes less than half of a large one,
+#: while few counts may be of any converter.
+CODES, LARGE = (1 << 16, 1 << 20, 1 << 24, 1 << 32), 1 << 24
+#: Share of a counter by which readings jump that cross its end; different readings that distinguish
+#: noise across the end from an error code.
+ACROSS, DIFFERENT = 0.97, 3
 #: Standard deviations of a sample that a jump has where the scale of the counts is not known, and
 #: samples that it lasts.
 JUMP, LASTS = 3e4, 5
@@ -92,37 +92,35 @@ def _first_that_lasts(
     return at + int(np.argmax(whole)) if whole.any() else None
 
 
-def wrap_of(force: FloatArray, *, in_counts: bool = False) -> float | None:
+def wrap_of(force: FloatArray, *, certain: bool = False) -> float | None:
     """The size of a jump from one sample to the next that is no force; None where there is none.
 
-    It lasts and has most codes of a counter, or whole counts go back and forth across a counter's
-    end. Unless the force is known to be `in_counts`, a jump of tens of thousands of standard
-    deviations is one, too.
+    Whole counts go back and forth across a counter's end, or jump lastingly by half of a large
+    counter. Unless it must be `certain`, a lasting jump by a small one, or of tens of thousands of
+    standard deviations, is one, too.
     """
     known = force[np.isfinite(force)]
     if len(known) < 4 * LASTS:
         return None
-    steps = np.abs(np.diff(known))
-    codes, share = _counter(known)
-    across = steps > ACROSS * codes
-    if len(np.unique(known[1:][across])) >= DIFFERENT:
+    steps, codes = np.abs(np.diff(known)), _counter(known)
+    if len(np.unique(known[1:][steps > ACROSS * codes])) >= DIFFERENT:
         return float(steps.max())
     at = int(np.argmax(steps)) + 1
     jump = abs(median(known[at : at + LASTS]) - median(known[max(at - LASTS, 0) : at]))
     if jump < 0.5 * steps[at - 1]:
         return None
+    if codes >= LARGE and jump > 0.5 * codes:
+        return jump
     scatter = SD_PER_MAD * median(steps) / 2**0.5
-    scaled = not in_counts and scatter > 0 and jump > JUMP * scatter
-    return jump if scaled or jump > share * codes else None
+    likely = jump > ACROSS * codes or (scatter > 0 and jump > JUMP * scatter)
+    return jump if likely and not certain else None
 
 
-def _counter(force: FloatArray) -> tuple[float, float]:
-    """The codes of the smallest counter that holds these whole counts, and its share of `CODES`;
-    infinite codes where there is none.
-    """
+def _counter(force: FloatArray) -> float:
+    """The codes of the smallest counter that holds these whole counts; infinite without one."""
     low, high = force.min(), force.max()
     if (force % 1 == 0).all():
-        for codes, share in CODES.items():
+        for codes in CODES:
             if (low >= 0 and high < codes) or -codes / 2 <= low <= high < codes / 2:
-                return codes, share
-    return math.inf, 1.0
+                return codes
+    return math.inf
