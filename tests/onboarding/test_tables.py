@@ -90,7 +90,8 @@ def test_a_mean_with_its_deviation_in_one_cell(tmp_path: Path, cell: str, form: 
     lifts = [
         cell.format(f"{m:.3f}", f"0.01{k}", f"1{k}") for k, m in enumerate((1.5, 2.5, 3.5, 4.5))
     ]
-    rows = [("h (mm)", "Throttle (%)", "Thrust (N)")]
+    heading = "Thrust, mean (SD) (N)" if form == "markdown" else "Thrust (N)"
+    rows = [("h (mm)", "Throttle (%)", heading)]
     rows += [(h, t, lifts.pop(0)) for h in ("20", "40") for t in ("40", "60")]
     if form == "side by side":
         rows = [

@@ -189,9 +189,12 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
         pairs = [pair for cell in cells[place] if (pair := _mean_and_sd(cell))]
         if len(pairs) == len(cells) and any(sd for _, sd in pairs):
             bare, unit = headings.named(name)
+            # "Thrust ± SD" and "Thrust (SD)" name both
+            bare, unit = re.split(r"[±+(]", bare)[0].rstrip() or bare, f" ({unit})" if unit else ""
             cells[place], cells[len(names)] = zip(*pairs, strict=True)
+            names[place] = f"{bare}{unit}"
             for headers in (names, written):
-                headers.append(f"{bare} sd ({unit})" if unit else f"{bare} sd")
+                headers.append(f"{bare} sd{unit}")
     meant, notes = _columns_meant(names, [cells[place].to_list() for place in cells])
     places = {place: name for name, (place, _) in meant.items()}
     places |= {p: n for p, n in enumerate(written) if p not in places and n not in BY_NAME}
