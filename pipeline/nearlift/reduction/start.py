@@ -102,7 +102,11 @@ def wrap_of(force: FloatArray, *, certain: bool = False) -> float | None:
     known = force[np.isfinite(force)]
     if len(known) < 4 * LASTS:
         return None
-    steps, codes = np.abs(np.diff(known)), _counter(known)
+    steps = np.abs(np.diff(known))
+    # the rest takes half as long as all else that a record needs
+    if certain and steps.max() <= ACROSS * CODES[0]:
+        return None
+    codes = _counter(known)
     if len(np.unique(known[1:][steps > ACROSS * codes])) >= DIFFERENT:
         return float(steps.max())
     at = int(np.argmax(steps)) + 1
