@@ -199,7 +199,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
     places = {place: name for name, (place, _) in meant.items()}
     places |= {p: n for p, n in enumerate(written) if p not in places and n not in BY_NAME}
     if "lift" in meant and (lost := int(_blank(cells[meant["lift"][0]]).sum())):
-        notes.append(f"{lost} of {len(cells)} rows have no lift: `nearlift new` leaves them out")
+        notes.append(f"{lost} of {len(cells)} rows have no lift and are left out")
     return InputTable(
         path=path,
         cells=cells[list(places)].set_axis(list(places.values()), axis="columns"),
