@@ -131,7 +131,7 @@ def measure(command: Sequence[str]) -> dict[str, Any]:
 
 def command_line(*words: str) -> list[str]:
     """A command of nearlift, started as the installed script starts it."""
-    return [sys.executable, "-c", "from nearlift.cli import main; main()", *words]
+    return [sys.executable, "-c", "from nearlift.__main__ import main; main()", *words]
 
 
 def here(*arguments: str) -> list[str]:
