@@ -237,4 +237,7 @@ def test_a_throttle_without_a_far_station_is_named_unless_free_air_has_it() -> N
 def test_a_trial_without_lift_is_marked_unless_it_is_rejected_already(
     lift: list[float], quality: list[str], stopped: list[int]
 ) -> None:
-    assert judge.without_lift(lifts(lift, quality)).tolist() == stopped
+    more = {"visit": np.arange(len(lift)), "trial": np.arange(len(lift))}
+    trials = lifts(lift, quality) | more
+    judge.judge(trials, manifest())
+    assert [i for i, codes in enumerate(trials["quality"]) if "NO_LIFT" in codes] == stopped

@@ -168,7 +168,9 @@ def judge(table: Table, campaign: Campaign) -> list[str]:
     heavy = TOO_HEAVY * campaign.vehicle.mass * campaign.rig.gravity
     with np.errstate(invalid="ignore"):
         mark("IMPLAUSIBLE", np.flatnonzero(np.abs(table["lift_N"]) > heavy))
-    mark("NO_LIFT", without_lift(table))
+    good = _accepted(table)
+    usual = good.groupby("throttle")["lift_N"].transform("median")
+    mark("NO_LIFT", good.index[(good["lift_N"] <= 0) | (good["lift_N"] < STOPPED * usual)])
     mark("other_throttle", other_throttle(table))
     texts = table["quality"][~rejected(table["quality"])]
     share = sum("unsettled" in text.split() for text in texts) / max(len(texts), 1)
@@ -210,15 +212,6 @@ def _accepted(table: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
     good = ~rejected(table["quality"]) & np.isfinite(table["lift_N"].astype(float))
     trials = pd.DataFrame({name: table[name][good] for name in (*CELL, "lift_N")})
     return trials.set_axis(np.flatnonzero(good), axis="index")
-
-
-def without_lift(table: Mapping[str, NDArray[Any]]) -> pd.Index[int]:
-    """Rows of the trials whose lift is not positive, or under a twentieth of their throttle's
-    median.
-    """
-    good = _accepted(table)
-    usual = good.groupby("throttle")["lift_N"].transform("median")
-    return good.index[(good["lift_N"] <= 0) | (good["lift_N"] < STOPPED * usual)]
 
 
 def other_throttle(table: Mapping[str, NDArray[Any]]) -> list[int]:
