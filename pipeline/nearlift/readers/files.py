@@ -146,9 +146,11 @@ def head_of(path: Path, length: int) -> bytes:
 
 def packing(path: Path) -> str:
     """The packing of a file's text, "gzip" or "sheet"; empty where it is plain."""
-    with path.open("rb") as file:
-        head = file.read(4)
-    if head.startswith(SHEETS) and path.name.casefold().endswith(SHEET_NAMES):
+    return _packing(head_of(path, 4), path.name)
+
+
+def _packing(head: bytes, name: str) -> str:
+    if head.startswith(SHEETS) and name.casefold().endswith(SHEET_NAMES):
         return "sheet"
     return "gzip" if head.startswith(GZIP) else ""
 
@@ -157,14 +159,15 @@ def content_of(path: Path, length: int | None = None) -> bytes:
     """The bytes of the file, or of the text inside, unpacked in the guarded process; only the first
     ones where a length is given. `InputRefused` of a damaged or too long one.
     """
-    if packed := packing(path):
-        return guarded.run(unpacked, path, packed, length)
-    if length is not None:
-        return head_of(path, length)
-    if (size := path.stat().st_size) > MOST_BYTES:
-        remedy = f"a text has at most {MOST_BYTES >> 20}; cut it"
-        raise InputRefused(str(path), f"has {size >> 20} MB", remedy)
-    return path.read_bytes()
+    with path.open("rb", buffering=0) as file:
+        packed = _packing(file.read(4), path.name)
+        if not packed:
+            if length is None and (size := os.fstat(file.fileno()).st_size) > MOST_BYTES:
+                remedy = f"a text has at most {MOST_BYTES >> 20}; cut it"
+                raise InputRefused(str(path), f"has {size >> 20} MB", remedy)
+            file.seek(0)
+            return file.read(-1 if length is None else length)
+    return guarded.run(unpacked, path, packed, length)
 
 
 def unpacked(path: Path, packed: str, length: int | None) -> bytes:

@@ -25,6 +25,8 @@ Kind = Literal["text", "real", "integer"]
 Table = dict[str, "NDArray[Any]"]
 #: File of digests in the folder of a campaign's products.
 LEDGER = "provenance.json"
+#: Bytes that are hashed at once.
+BLOCK = 1 << 20
 #: End of the name of a file that is being written.
 UNFINISHED = ".unfinished"
 #: Arrow type of each kind of column, and of undeclared columns by numpy's letter, if not real.
@@ -140,8 +142,11 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def sha256(path: str | Path) -> str:
     """SHA-256 of a file."""
-    with open(path, "rb") as file:  # noqa: PTH123 - a path made of text takes longer
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    digest = hashlib.sha256()
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - a path made of text takes longer
+        while block := file.read(BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 def sha256_if_any(path: Path) -> str:
