@@ -113,10 +113,14 @@ def to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
     return _to_si(unit.strip(), dimension, where)
 
 
+def usual(dimension: str) -> tuple[str, ...]:
+    """The units of a dimension in the order in which they are proposed."""
+    return USUAL.get(dimension, (SI[dimension],))
+
+
 @functools.cache
 def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
-    target = SI[dimension]
-    usual = ", ".join(USUAL.get(dimension, (target,)))
+    target, choices = SI[dimension], ", ".join(usual(dimension))
     if dimension == "rotation":
         if unit not in ROTATION:
             raise ManifestError(
@@ -128,7 +132,9 @@ def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
     if (unit, dimension) in COMMON:
         return COMMON[unit, dimension]
     unknown = ManifestError(
-        where, f"unknown unit {brief(repr(unit))}", f"a {dimension} is needed; use one of: {usual}"
+        where,
+        f"unknown unit {brief(repr(unit))}",
+        f"a {dimension} is needed; use one of: {choices}",
     )
     if len(unit) > UNIT_LENGTH or not _UNIT.fullmatch(unit):
         raise unknown
@@ -140,7 +146,7 @@ def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
         one = units.Quantity(1.0, unit).to(target).magnitude
     except pint.DimensionalityError:
         raise ManifestError(
-            where, f"{unit!r} is not a unit of {dimension}", f"use one of: {usual}"
+            where, f"{unit!r} is not a unit of {dimension}", f"use one of: {choices}"
         ) from None
     except Exception:  # pint raises many kinds on a malformed unit text
         raise unknown from None

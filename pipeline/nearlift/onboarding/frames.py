@@ -55,7 +55,7 @@ def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
         elif written := headings.unit_of(known.name, unit):
             columns[column] = known.name, written
         else:
-            usual = units.USUAL.get(known.dimension, (units.SI[known.dimension],))
+            usual = units.usual(known.dimension)
             what = f"{unit} is no known unit of {known.dimension}"
             raise UsageError(f"column {column!r}", what, f"use {usual[0]}")
     if "z_hat" in frame and "distance" not in {name for name, _ in columns.values()}:

@@ -105,7 +105,7 @@ def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
         _set(trials, "order", BLANK, order)
     given = trials["units"] = tomlkit.table()
     for name, unit in schedule.units.items():
-        usual = units.USUAL.get(BY_NAME[name].dimension, (units.SI[BY_NAME[name].dimension],))
+        usual = units.usual(BY_NAME[name].dimension)
         remark = {"": " | ".join(usual), RADII: "rotor radii", DIAMETERS: "rotor diameters"}
         _set(given, name, unit or BLANK, remark.get(unit, ""))
     if "lift" in schedule.units and "lift_sd" not in schedule.units:
