@@ -136,7 +136,9 @@ class Covariance:
             solve = semiseparable.backward if transposed else semiseparable.forward
             solved = solve(*self._factor, columns)
         if transposed:
-            solved = solved[np.argsort(self.order)]
+            placed = np.empty_like(solved)
+            placed[self.order] = solved
+            solved = placed
         return np.asarray(solved.T.reshape(x.shape), dtype=np.float64)
 
     def solve_own(self, x: FloatArray) -> FloatArray:
