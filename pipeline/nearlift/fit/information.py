@@ -136,7 +136,7 @@ def joint_information(
     problem: Likelihood, jacobian: FloatArray, prior_sd: FloatArray | None = None
 ) -> JointInformation:
     """Joint information of trials and statements, for parameters with the `jacobian` (n, p) of log
-    lift, and independent normal priors of standard deviation `prior_sd` (p,) if given.
+    lift. `prior_sd` (p,), where given, are the standard deviations of independent normal priors.
     """
     weights, (n, p), m = problem.covariance, jacobian.shape, problem.covariance.shared.shape[1]
     design = np.hstack([weights.shared, problem.data.level_design, jacobian])

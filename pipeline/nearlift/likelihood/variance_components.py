@@ -235,7 +235,8 @@ class VarianceComponents:
         self, starts: list[FloatArray], y: FloatArray, last: float, beyond: float = np.inf
     ) -> tuple[list[SizesAt], FloatArray]:
         """The modes that the search from each of `starts` finds, the likeliest first, and their
-        weights by Laplace's approximation; none whose deviance exceeds the least by `beyond`.
+        weights by Laplace's approximation. Modes whose deviance exceeds the least by `beyond` are
+        left out.
         """
         ends = sorted((self.maximise(x, y, last) for x in starts), key=lambda end: end.deviance)
         kept = ends[:1]

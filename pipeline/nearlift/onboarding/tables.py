@@ -120,7 +120,7 @@ class InputTable:
     def schedule(self, ids: Sequence[str] = (), header: str = "trial") -> ProposedSchedule:
         """Schedule of this table.
 
-        `ids` are the records of its rows; without them the table has its lifts, and its trials are
+        `ids` are the records of its rows. Without them the table has its lifts. Its trials are then
         its own, or counted, and rows without a lift are left out. `header` is ``"record"`` where
         records bring their throttle.
         """

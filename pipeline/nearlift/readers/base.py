@@ -180,8 +180,8 @@ def fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
 
 
 def wanted(name: str, names: Names) -> bool:
-    """Whether `pick` may choose this channel for one of these names, or it is the other part of a
-    clock in two columns, so that a reader need not read others; without names all are.
+    """Whether a reader must read this channel: `pick` may choose it for one of these names, or it
+    is the other part of a clock in two columns. Without names all are wanted.
     """
     if names is None:
         return True
@@ -347,8 +347,8 @@ def _channel(contents: Contents, quantity: str, column: str, unit: str, where: s
 class Reader:
     """One outside format: its name in ``[records] reader``, and a title for the catalogue.
 
-    ``contents(path, dialect, names)``, a function of a module, returns the channels of one file, at
-    least those that `names` may mean; None for `means`, a format without samples.
+    ``contents(path, dialect, names)`` is a function of a module. It returns the channels of one
+    file, at least those that `names` may mean. It is None for `means`, a format without samples.
     ``recognises(head, name)`` tests whether a file with these first bytes and this name is
     certainly of this format. `options` are the keys of ``[records] dialect`` and their types. If
     `guarded`, a library parses the file, in a process of its own (`readers.guarded`).

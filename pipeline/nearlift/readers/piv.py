@@ -68,8 +68,9 @@ class Raw(NamedTuple):
 
 
 class Header(NamedTuple):
-    """The content of a text's header: index of the first data line, columns, stated units besides
-    those of columns, and nodes across and up where it promises them.
+    """The content of a text's header: index of the first data line, and columns.
+
+    `stated` are units besides those of columns, `promised` the nodes across and up.
     """
 
     first: int

@@ -84,8 +84,10 @@ def record_codes(
 def _written_again(
     columns: Table, rows: pd.Index[int], campaign: Campaign
 ) -> list[tuple[int, int]]:
-    """Pairs of rows, the later first, of equal records that were rounded differently: number of
-    samples, lift, scatter and drift agree far within their standard uncertainties.
+    """Pairs of rows, the later first, of equal records that were rounded differently.
+
+    Their numbers of samples are equal. Lift, scatter and drift agree far within their standard
+    uncertainties.
     """
     rate_Hz = campaign.load_cell.sample_rate or 0.0
     names = ["lift_N", "sd_N", "drift_N_s"]

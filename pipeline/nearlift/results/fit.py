@@ -244,8 +244,9 @@ class ModelFit:
 
     `L_inf_N` is the lift far from every boundary, N, per throttle (a fraction). Of a curve (then
     `levels` is one) it is given at some throttles, its other arguments at their medians. `chi2` is
-    against the scatter of repeats. `rmse` is relative, `r2` of cell means of `delta_L`, `r2_near`
-    the same for 1 < z_hat < 3, at the ground only; nan where too few cells are.
+    against the scatter of repeats. `rmse` is relative. `r2` is of cell means of `delta_L`;
+    `r2_near` is the same for 1 < z_hat < 3, at the ground only. Both are nan where too few cells
+    are.
     `height_error` is the most probable height error that all trials share, m, where the slope does
     not carry it.
     """
