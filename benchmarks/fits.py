@@ -127,9 +127,10 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
             shared=np.full((n, 1), 0.002),
         )
         problem = Likelihood(model=MODEL, data=trials, covariance=covariance)
-        stations, scale = Stations.from_problem(problem), np.array([0.1, 0.05])
+        start, scale = np.array([2.0, 1.0]), np.array([0.1, 0.05])
+        stations = Stations.from_problem(problem, start, scale)
         target = stations.target(found["y"][:count])
-        theta = np.tile([2.0, 1.0], (len(target), 1))
+        theta = np.tile(start, (len(target), 1))
         for some in stations.batches(len(target)):
             system = system_at(stations, target[some])
             theta[some] = minimise(system, theta[some], MODEL.bounds, scale).theta

@@ -1,8 +1,9 @@
-"""Distinct stations give what all trials give: chi2, L_inf, and the minima of resamples."""
+"""Stations and nodes give what all trials give: chi2, L_inf, and the minima of resamples."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -11,54 +12,73 @@ from tests.unit.simulated import STATIONS, campaign, part
 from nearlift import catalogue
 from nearlift.fit.least_squares import fit
 from nearlift.fit.solver import System, minimise, refine, system_at
-from nearlift.likelihood.stations import Stations
+from nearlift.likelihood.stations import NODES, Stations
 from nearlift.results import Noise
 
 SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, common=0.002, drift=(0.001,))
 
 
-def fitted(name="sanchez_cuevas", apart=False):
-    """A fit; trials at repeated stations, or `apart`, each at its own distance."""
-    data = campaign(1)
+def fitted(name="sanchez_cuevas", apart=False, free_air=False, kink=0.0):
+    """A fit; trials at repeated stations, or `apart`, each at its own distance, the last in free
+    air; and an effect of each trial's own.
+    """
+    data, model = campaign(1), catalogue.model(name)
     if apart:
         data = dataclasses.replace(data, z_hat=data.z_hat * np.linspace(1, 1.01, data.n)[::-1])
+    if free_air:
+        data.z_hat[-2:] = np.inf
+    if kink:
+        smooth = model.evaluate
+
+        @functools.wraps(smooth)
+        def evaluate(z_hat, /, **values):
+            return smooth(z_hat, **values) * (1 + kink * np.abs(np.minimum(z_hat, 9) - 2))
+
+        model = dataclasses.replace(model, evaluate=evaluate)
     parts = (part("height", 2e-4, "boundary"), part("gain", 0.004, "session"))
-    return fit(catalogue.model(name), data, parts, SCATTER)
+    found = fit(model, data, parts, SCATTER)
+    shift = 0.01 * np.random.default_rng(1).normal(size=data.n)
+    return found, dataclasses.replace(found.problem, shift=shift)
+
+
+def stations_of(found, problem):
+    return Stations.from_problem(problem, found.theta, np.sqrt(np.diag(found.covariance)))
 
 
 @pytest.mark.parametrize(
-    ("name", "apart"),
+    ("count", "setting"),
     [
-        ("sanchez_cuevas", False),
-        ("sanchez_cuevas_free_exponent", False),
-        ("cheeseman_bennett_fixed", False),
-        ("sanchez_cuevas", True),
+        (len(STATIONS), {}),
+        (len(STATIONS), {"name": "sanchez_cuevas_free_exponent"}),
+        (len(STATIONS), {"name": "cheeseman_bennett_fixed"}),
+        (NODES, {"apart": True}),
+        (NODES, {"apart": True, "name": "sanchez_cuevas_free_exponent"}),
+        (NODES + 1, {"apart": True, "free_air": True}),
+        # what no polynomial follows is evaluated at every trial
+        (160, {"apart": True, "kink": 1e-6}),
     ],
 )
-def test_chi2_and_levels_are_those_of_all_trials(name, apart):
-    found = fitted(name, apart)
-    rng = np.random.default_rng(1)
-    # an effect of each trial's own
-    problem = dataclasses.replace(found.problem, shift=0.01 * rng.normal(size=found.problem.data.n))
-    stations = Stations.from_problem(problem)
-    assert (stations.triangle is None) == apart
-    assert apart or stations.at.data.n == len(STATIONS)
-    theta = found.theta + 0.3 * rng.standard_normal((7, len(found.theta)))
+def test_chi2_and_levels_are_those_of_all_trials(count, setting):
+    found, problem = fitted(**setting)
+    stations = stations_of(found, problem)
+    assert stations.at.data.n == count
+    spread = np.sqrt(np.diag(found.covariance))
+    theta = found.theta + 3 * spread * np.random.default_rng(2).standard_normal((7, len(spread)))
     np.testing.assert_allclose(stations.chi2(theta), problem.chi2(theta), rtol=1e-9)
     levels = problem.best_levels(np.log(problem.data.lift_N) - problem.log_ratio(theta))
     np.testing.assert_allclose(stations.log_levels(theta), levels, rtol=1e-10)
 
 
-def test_no_value_is_an_infinite_chi2():
-    stations = Stations.from_problem(fitted().problem)
+@pytest.mark.parametrize("apart", [False, True])
+def test_no_value_is_an_infinite_chi2(apart):
+    stations = stations_of(*fitted(apart=apart))
     assert stations.chi2(np.array([[2.0], [1e9]]))[1] == np.inf
 
 
 @pytest.mark.parametrize("apart", [False, True])
 def test_resamples_have_the_minima_that_all_trials_give(apart):
     model = catalogue.model("sanchez_cuevas_free_exponent")
-    found = fitted(model.name, apart)
-    problem = found.problem
+    found, problem = fitted(model.name, apart)
     rng = np.random.default_rng(2)
     y = np.log(problem.data.lift_N) + rng.normal(0, 0.004, (40, problem.data.n))
     white = problem.project(y)
@@ -66,7 +86,7 @@ def test_resamples_have_the_minima_that_all_trials_give(apart):
         lambda theta, rows: white[rows] - problem.project(problem.log_ratio(theta)),
         lambda theta, _: problem.derivatives(theta),
     )
-    stations = Stations.from_problem(problem)
+    stations = stations_of(found, problem)
     by_station = system_at(stations, stations.target(y))
     start, scale = np.tile(found.theta, (40, 1)), np.sqrt(np.diag(found.covariance))
     one, other = (minimise(s, start, model.bounds, scale) for s in (by_trial, by_station))

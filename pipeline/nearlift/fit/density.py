@@ -88,7 +88,8 @@ class Density:
     @cached_property
     def stations(self) -> Stations:
         """The distinct stations, at which chi2 is computed."""
-        return Stations.from_problem(self.problem)
+        sd = np.sqrt(np.diag(self.spread()))
+        return Stations.from_problem(self.problem, self.centre, sd)
 
     @cached_property
     def least(self) -> float:

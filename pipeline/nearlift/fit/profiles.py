@@ -54,7 +54,7 @@ def likelihood_profiles(fit: LeastSquaresFit) -> dict[str, Profile]:
     """The profile of every coefficient that the trials determine, by name."""
     sd = np.sqrt(np.diag(fit.covariance))
     known = [i for i, e in enumerate(fit.estimates.values()) if np.isfinite(e.u) and sd[i] > 0]
-    stations = Stations.from_problem(fit.problem)
+    stations = Stations.from_problem(fit.problem, fit.theta, sd)
     return {fit.names[i]: _profile(fit, i, sd, stations) for i in known}
 
 

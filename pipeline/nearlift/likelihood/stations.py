@@ -1,8 +1,9 @@
-"""Least squares of thousands of parameter vectors or resamples, at the cost of distinct stations.
+"""Least squares of thousands of parameter vectors or resamples, at the cost of a few distances.
 
-The model's log ratio f takes one value per station (distance, and any other need of the model).
-Whitening is linear, so the residuals of trials y are ``P y - A f(theta)`` with one column of A per
-station. Only their part ``Q' P y - R f`` in the span of ``A = Q R`` depends on theta.
+The model's log ratio f of all trials is ``B f(stations)``: a trial has the value of its station.
+Where distances hardly repeat, it is interpolated between Chebyshev nodes of log distance, to
+rounding. Whitening is linear, so the residuals of trials y are ``P y - P B f(theta)``. Only their
+part ``Q' P y - R f`` in the span of ``P B = Q R`` depends on theta.
 """
 
 from __future__ import annotations
@@ -10,16 +11,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.covariance import group_sums
 from nearlift.likelihood.problem import Likelihood, where_finite
-from nearlift.results import IntArray
 
 #: With more stations than this their triangle costs more than whitening every trial.
 MOST = 400
+#: Nodes of log distance. Ours: 48 resolve every model from 0.5 to 12 rotor radii to rounding.
+NODES = 64
+#: Standard uncertainties either side of the fit within which nodes have to serve, and the largest
+#: error of a trial's log ratio there: 1e-6 of any load cell's scatter.
+REACH, EXACT = 8.0, 1e-10
 #: Numbers held at once by one batch: few enough that they stay in a cache, and no new memory is
 #: asked for at every step.
 BATCH = 50_000
@@ -27,23 +32,25 @@ BATCH = 50_000
 
 @dataclass(frozen=True, kw_only=True)
 class Stations:
-    """A problem at its distinct stations: `at` has one trial of each, and no `shift`; trial i is at
-    station `index[i]`.
+    """A problem at its stations: `at` has one trial of each, and no `shift`.
 
-    `triangle` (s, s) is R, and `weights` (s, n) are Q' P; both are None where stations are many,
-    and trials are whitened.
+    `levels` (k, s) is the change of each shown log L_inf per unit of log ratio at a station.
+    `triangle` (s, s) is R, and `weights` (s, n) are Q' P; both are None where every trial is a
+    station, and whitened.
     """
 
     problem: Likelihood
     at: Likelihood
-    index: IntArray
+    levels: FloatArray
     triangle: FloatArray | None = None
     weights: FloatArray | None = None
 
     @classmethod
-    def from_problem(cls, problem: Likelihood) -> Stations:
-        """The stations of a problem."""
-        data = problem.data
+    def from_problem(cls, problem: Likelihood, theta: FloatArray, sd: FloatArray) -> Stations:
+        """The stations of a problem; nodes have to serve within `REACH` of `sd` (p,) about `theta`
+        (p,).
+        """
+        data, gain = problem.data, -problem.d_shown_levels_d_lift
         needs = [
             np.asarray(value, dtype=float)
             for name, value in problem.known.items()
@@ -52,12 +59,16 @@ class Stations:
         _, first, index = np.unique(
             np.stack([data.z_hat, *needs]), axis=1, return_index=True, return_inverse=True
         )
-        at = replace(problem, data=data.take(first), shift=0.0)
-        stations = cls(problem=problem, at=at, index=index.ravel())
-        if len(first) > MOST or len(first) == data.n:
-            return stations
-        q, r = np.linalg.qr(problem.project(np.eye(len(first))[stations.index].T).T)
-        return replace(stations, triangle=r, weights=problem.unproject(q.T))
+        if not needs and len(first) > NODES and (nodes := _nodes(problem, theta, sd)):
+            at, spread = nodes
+        elif len(first) <= MOST and len(first) < data.n:
+            at = replace(problem, data=data.take(first), shift=0.0)
+            spread = np.eye(len(first))[index.ravel()]
+        else:
+            return cls(problem=problem, at=replace(problem, shift=0.0), levels=gain)
+        q, r = np.linalg.qr(problem.project(spread.T).T)
+        weights = problem.unproject(q.T)
+        return cls(problem=problem, at=at, levels=gain @ spread, triangle=r, weights=weights)
 
     def target(self, log_lift: FloatArray) -> FloatArray:
         """Whitened part of log lift (..., n) that parameters may explain."""
@@ -68,7 +79,7 @@ class Stations:
         """Whitened values (..., s) of stations, as in `target`."""
         triangle = self.triangle
         if triangle is None:
-            return self.problem.project(x[..., self.index])
+            return self.problem.project(x)
         return where_finite(lambda x: x @ triangle.T, x)
 
     @cached_property
@@ -89,16 +100,48 @@ class Stations:
 
     def log_levels(self, theta: FloatArray) -> FloatArray:
         """Log L_inf per throttle given theta (m, p): (m, k)."""
-        gain = self.problem.d_shown_levels_d_lift
-        mean = gain @ (np.log(self.problem.data.lift_N) - self.problem.shift)
-        rows = group_sums(gain, self.index)
+        problem = self.problem
+        mean = problem.d_shown_levels_d_lift @ (np.log(problem.data.lift_N) - problem.shift)
         levels = np.zeros((len(theta), len(mean)))
         for some in self.batches(len(theta)):
             log_ratio = self.at.log_ratio(theta[some])
-            levels[some] = mean - where_finite(lambda x: x @ rows.T, log_ratio)
+            levels[some] = mean + where_finite(lambda x: x @ self.levels.T, log_ratio)
         return levels
 
     def batches(self, m: int) -> Iterator[slice]:
         """Slices of m rows that stay in a processor's cache."""
-        size = max(BATCH // (self.problem if self.triangle is None else self.at).data.n, 1)
+        size = max(BATCH // self.at.data.n, 1)
         return (slice(i, i + size) for i in range(0, m, size))
+
+
+def _nodes(
+    problem: Likelihood, theta: FloatArray, sd: FloatArray
+) -> tuple[Likelihood, FloatArray] | None:
+    """The problem at nodes, and the matrix (n, s) from its log ratios to those of the trials; None
+    where they do not serve.
+
+    The nearest and farthest distances are nodes, and so is free air: the nodes have a value where
+    all trials have one.
+    """
+    from numpy.polynomial import chebyshev
+
+    data = problem.data
+    near = np.isfinite(data.z_hat)
+    log = np.log(data.z_hat[near])
+    middle, half = (log.max() + log.min()) / 2, np.ptp(log) / 2
+    points = chebyshev.chebpts2(NODES)
+    z_hat = np.r_[np.exp(middle + half * points), data.z_hat[~near][:1]]
+    spread = np.zeros((data.n, len(z_hat)))
+    spread[~near, NODES:] = 1.0
+    degree = NODES - 1
+    spread[near, :NODES] = np.linalg.solve(
+        chebyshev.chebvander(points, degree).T,
+        chebyshev.chebvander((log - middle) / half, degree).T,
+    ).T
+    one_each = replace(data.take(np.zeros(len(z_hat), dtype=int)), z_hat=z_hat)
+    at = replace(problem, data=one_each, shift=0.0)
+    low, high = (np.clip(theta + side * REACH * sd, *problem.model.bounds) for side in (-1, 1))
+    corners = np.array(list(product(*zip(low, theta, high, strict=True))))
+    values = where_finite(lambda x: x @ spread.T, at.log_ratio(corners))
+    error = values - replace(problem, shift=0.0).log_ratio(corners)
+    return (at, spread) if np.abs(error).max() <= EXACT else None
