@@ -210,6 +210,19 @@ def test_chain_and_grid_agree_and_deliver_what_was_asked(model, more):
             assert abs(share - p) < 5 * np.sqrt(p * (1 - p) / 2000)
 
 
+@pytest.mark.parametrize("dof", [np.inf, 5.0])
+@pytest.mark.parametrize("model", ["sanchez_cuevas", "sanchez_cuevas_free_exponent", "power_law"])
+def test_the_peak_is_where_the_grid_is_densest(model, dof):
+    """To the sixteenth of a standard uncertainty that it is rounded to, in each of two
+    directions.
+    """
+    target, _ = density(model, seed=5, dof=dof)
+    exact = posterior.grid(target)
+    densest = exact.theta[np.argmax(exact.mass)]
+    away = (target.peak - densest) / np.sqrt(np.diag(target.spread()))
+    assert np.abs(away).max() < 1 / 16 + 12 / 192
+
+
 class Lopsided(Density):
     """A defect: the walkers have another density than the grid."""
 

@@ -81,12 +81,13 @@ def test_the_cut_is_linear_between_rows_and_the_span_counts_partial_nodes():
 def test_the_picture_makes_no_air():
     """A round jet over a tilted ground, with another that makes its fountain."""
     both = scene("ground", 2.6, 0.05)
-    jet = partial(Wake(scene=both, speed_m_s=8.0)._jet, both.rotors_m[1])
+    wake = Wake(scene=both, speed_m_s=8.0)
+    jet = partial(wake._jet, both.rotors_m[1])
     h = 1e-5
 
     def velocity(x, y):
         rho = x - both.rotors_m[1]
-        along, across = Wake._differences(jet, x, y, h)
+        along, across = wake._slopes(jet, x, y)
         return along / rho, across / rho
 
     xx, yy = np.meshgrid(np.linspace(0.001, 0.08, 31), np.linspace(-0.05, 0.02, 30))

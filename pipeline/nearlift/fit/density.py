@@ -23,9 +23,15 @@ from typing import Any
 
 import numpy as np
 
+from nearlift import derivative
 from nearlift.declare import FloatArray, Parameter
 from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.stations import Stations
+
+#: Minus the log density where it is zero, while its peak is searched: above that of any trials.
+NO_VALUE = 1e10
+#: Width of a normal's central 90 % interval, in standard deviations.
+WIDTH_90 = 3.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,25 +146,35 @@ class Density:
 
         low, high = self.problem.model.bounds
         scale, start = np.sqrt(np.diag(self.spread())), np.clip(self.centre, low, high)
+        first, last = (low - start) / scale, (high - start) / scale
 
         def at(x: FloatArray) -> FloatArray:
             return np.asarray(np.clip(start + x * scale, low, high), dtype=np.float64)
 
-        def cost(x: FloatArray) -> float:
-            value = float(self(at(x)[None, :])[0])
-            return -value if np.isfinite(value) else 1e10
+        def cost(x: FloatArray) -> FloatArray:
+            value = self(at(x).reshape(-1, len(start)))
+            return np.where(np.isfinite(value), -value, NO_VALUE).reshape(*x.shape[:-1], 1)
 
-        ends = list(zip((low - start) / scale, (high - start) / scale, strict=True))
-        end = minimize(cost, np.zeros(len(start)), method="L-BFGS-B", jac="3-point", bounds=ends).x
+        def slopes(x: FloatArray) -> FloatArray:
+            change, apart = derivative.central(cost, x, 1.0, first, last)
+            return np.asarray(change[:, 0] / apart, dtype=np.float64)
+
+        end = minimize(
+            lambda x: float(cost(x)[0]),
+            np.zeros(len(start)),
+            method="L-BFGS-B",
+            jac=slopes,
+            bounds=list(zip(first, last, strict=True)),
+        ).x
         near = np.round(16 * end) / 16
-        return at(near if cost(near) < 1e10 else end)
+        return at(near if cost(near)[0] < NO_VALUE else end)
 
     def spread(self) -> FloatArray:
         """First-order covariance (p, p) at the centre, from the data's information and normal
         priors as wide as the declared ones.
         """
         jacobian = np.nan_to_num(self.problem.project(self.problem.jacobian(self.centre).T))
-        sd = np.array([prior.width90 / 3.3 for prior in self.priors])
+        sd = np.array([prior.width90 / WIDTH_90 for prior in self.priors])
         both = np.outer(sd, sd)
         scaled = np.linalg.inv(jacobian @ jacobian.T * both + np.eye(len(sd)))
         return np.asarray(scaled * both, dtype=np.float64)

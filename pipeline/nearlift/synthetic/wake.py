@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift import derivative
 from nearlift.declare import FloatArray
 from nearlift.flow.field import Scene, VelocityField
 from nearlift.randomness import generator
@@ -80,28 +81,27 @@ class Wake:
     stagnant: float = STAGNANT
 
     def velocity(self, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Components at points, from central differences of the stream functions."""
-        r = self.scene.radius_m
-        step = 1e-4 * r
-        vx, vy = self._differences(self._plane, x_m, y_m, step)
+        """Components at points, from the derivatives of the stream functions."""
+        near = 1e-3 * self.scene.radius_m
+        vx, vy = self._slopes(self._plane, x_m, y_m)
         for centre in self.scene.rotors_m:
             aside = x_m - centre
             # on the axis itself the limit
-            rho = np.where(np.abs(aside) < 10 * step, np.where(aside < 0, -10, 10) * step, aside)
-            parts = self._differences(partial(self._jet, centre), centre + rho, y_m, step)
+            rho = np.where(np.abs(aside) < near, np.where(aside < 0, -near, near), aside)
+            parts = self._slopes(partial(self._jet, centre), centre + rho, y_m)
             vx, vy = vx + parts[0] / rho, vy + parts[1] / rho
         return vx, vy
 
-    @staticmethod
-    def _differences(
+    def _slopes(
+        self,
         stream: Callable[[FloatArray, FloatArray], FloatArray],
         x_m: FloatArray,
         y_m: FloatArray,
-        step: float,
     ) -> tuple[FloatArray, FloatArray]:
         """d/dy and -d/dx of a stream function."""
-        along = (stream(x_m, y_m + step) - stream(x_m, y_m - step)) / (2 * step)
-        across = (stream(x_m + step, y_m) - stream(x_m - step, y_m)) / (2 * step)
+        r = self.scene.radius_m
+        along = derivative.at_zero(lambda t: stream(x_m, y_m + t * r)) / r
+        across = derivative.at_zero(lambda t: stream(x_m + t * r, y_m)) / r
         return along, -across
 
     def _jet(self, centre_m: float, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
