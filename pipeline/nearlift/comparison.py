@@ -15,7 +15,7 @@ import numpy as np
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
-from nearlift.fit.population import FEWEST, population
+from nearlift.fit.population import MIN_CAMPAIGNS, population
 from nearlift.report.phrases import claim, coefficient_text
 from nearlift.results.answers import (
     CampaignComparison,
@@ -135,7 +135,7 @@ def _group(
 ) -> ComparedCoefficient:
     """Entries of one kind, and their population unless they are too few."""
     together: Population | None = None
-    if len(members) >= FEWEST:
+    if len(members) >= MIN_CAMPAIGNS:
         # an interval over rivals is lopsided, and its best value no centre: the population is
         # fitted to the interval
         value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])

@@ -49,7 +49,7 @@ def budget(found):
 def test_the_shares_add_to_the_variance_of_the_estimator():
     found = fitted()
     lines = budget(found)
-    assert lines.keys() >= {p.name for p in PARTS} | set(information.NAMES.values())
+    assert lines.keys() >= {p.name for p in PARTS} | set(information.SCATTER_NAMES.values())
     variance = sum(line.variance for line in lines.values())
     assert variance == pytest.approx(np.diag(found.covariance), rel=1e-8)
     assert np.sqrt(variance) == pytest.approx([e.u for e in found.estimates.values()], rel=1e-8)
@@ -98,7 +98,7 @@ def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
         assert without[known.name] == pytest.approx(
             u(tuple(p for p in PARTS if p is not known), SCATTER), rel=1e-8
         ), known.name
-    for size, name in information.NAMES.items():
+    for size, name in information.SCATTER_NAMES.items():
         assert without[name] == pytest.approx(
             u(PARTS, dataclasses.replace(SCATTER, **{size: () if size == "drift" else 0.0})),
             rel=1e-8,
@@ -209,7 +209,7 @@ def test_welch_and_satterthwaite():
         SCATTER, sizes=("relative", "common"), log_covariance=tuple(map(tuple, spread))
     )
     by_name = {line.component: line for line in lines}
-    v = np.array([by_name.pop(information.NAMES[n]).variance for n in estimated.sizes])
+    v = np.array([by_name.pop(information.SCATTER_NAMES[n]).variance for n in estimated.sizes])
     rest = sum(2 * line.variance**2 / line.dof for line in by_name.values())
     expected = 2 * u2.sum(axis=0) ** 2 / (4 * np.einsum("ip,ij,jp->p", v, spread, v) + rest)
     assert information.effective_dof(lines, estimated) == pytest.approx(expected)

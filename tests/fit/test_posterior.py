@@ -241,8 +241,8 @@ def test_a_disagreement_of_chain_and_grid_is_an_error():
     ):
         posterior.sample(wrong, 1, ess=1000, progress=steps.append)
     # continued to twice the length before it is refused
-    assert steps[-1] >= 4 * posterior.BLOCK
-    assert steps == list(range(posterior.BLOCK, steps[-1] + 1, posterior.BLOCK))
+    assert steps[-1] >= 4 * posterior.BLOCK_STEPS
+    assert steps == list(range(posterior.BLOCK_STEPS, steps[-1] + 1, posterior.BLOCK_STEPS))
 
 
 def test_too_few_steps_are_refused_with_the_number_that_is_enough():

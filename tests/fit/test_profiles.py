@@ -94,7 +94,7 @@ def test_a_profile_that_rises_slowly_is_followed_outwards():
     data = campaign(4, visits=1, stations=(1.5, 2.5, 11.0))
     found, own = profile("power_law", data, scatter=Noise(relative=0.03))
     a, u = own["a"], found.estimates["a"].u
-    assert a.value[-1] > found.theta[0] + 10 * profiles.REACH * u
+    assert a.value[-1] > found.theta[0] + 10 * profiles.FIRST_REACH_U * u
     assert a.ends.hi95 > found.theta[0] + 40 * u
     low = np.linspace(found.theta[0] - 3 * u, found.theta[0], 301)
     p = np.linspace(*found.model.parameters[1].bounds, 2001)

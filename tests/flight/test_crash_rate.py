@@ -101,7 +101,7 @@ def test_a_level_is_read_across_no_gap_wider_than_half_its_interval():
     low, high = crash_rate.spread90(values)
     around = np.searchsorted(flown.target_z_hat, values[0])
     gap = flown.target_z_hat[around] - flown.target_z_hat[around - 1]
-    assert gap <= max(crash_rate.FINEST, 0.6 * (high - low))
+    assert gap <= max(crash_rate.FINEST_GAP_Z_HAT, 0.6 * (high - low))
     fine = np.round(np.arange(0.49, 0.54, 0.002), 6)
     dense = (how.ended(curves, fine) >= 0).mean(axis=1)
     assert values[0] == pytest.approx(crash_rate.level(fine, dense, 0.5, 0.0025), abs=0.003)

@@ -10,7 +10,7 @@ from tests.unit.simulated import GROUND, campaign
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
-from nearlift.loop.admission import could_act
+from nearlift.loop.admission import effects_to_test
 from nearlift.loop.diagnose import Options, diagnose
 
 
@@ -32,7 +32,7 @@ def test_zero_errors_grow_with_the_lift_of_the_rig() -> None:
     for factor, wanted in ((1.0, 1.0), (12.0, 12 * np.median(data.lift_N))):
         rig = dataclasses.replace(data, lift_N=factor * data.lift_N)
         rig = derive(rig, rig.lift_N, np.ones(rig.n))
-        known = {e.name: e for e in could_act(rig, GROUND)[0]}
+        known = {e.name: e for e in effects_to_test(rig, GROUND)[0]}
         declared = catalogue.effect("zero_temperature").parameters[0]
         (size,) = known["zero_temperature"].parameters
         np.testing.assert_allclose(size.bounds, np.multiply(wanted, declared.bounds))

@@ -15,7 +15,7 @@ from tests.unit.small_run import nearlift
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
-from nearlift.loop.admission import could_act
+from nearlift.loop.admission import effects_to_test
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.observed import observe
@@ -83,7 +83,7 @@ def test_without_their_columns_nobody_hears_of_them() -> None:
         data = simulate(
             Spec(boundary="ground", errors=Errors(), visits=3, experiments=told), 7
         ).data
-        library, untestable = could_act(derive(data, data.lift_N), base)
+        library, untestable = effects_to_test(derive(data, data.lift_N), base)
         mine = {e.name for e in library} & forms.EXPERIMENTS.keys()
         assert mine == (forms.EXPERIMENTS.keys() if told else set())
         assert not {u.effect for u in untestable} & forms.EXPERIMENTS.keys()

@@ -67,4 +67,4 @@ def test_on_every_stand_it_rises_with_speed(name):
     assert law.exponent.value == pytest.approx(exponent, abs=0.01)
     assert law.exponent.value - 3 * law.exponent.u > 0
     assert law.p_trend < 1e-3
-    assert law.mean.value - 5 * law.mean.u * law.excess > rotor.PAPER
+    assert law.mean.value - 5 * law.mean.u * law.excess > rotor.PAPER_C_L

@@ -27,7 +27,7 @@ from nearlift.results.fit import ModelScore
 
 #: Fraction of its information that a block must keep, after projecting out L_inf and coefficients,
 #: to be predictable from the rest: the square root of the floating-point precision, 1.5e-8.
-DETERMINED = 1e-8
+MIN_INFORMATION = 1e-8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,11 +107,11 @@ def influence_on(
         columns, error, gain = weighed[index], rest[index], gains[index].swapaxes(-1, -2)
         information = precision - columns @ joint.covariance @ columns.swapaxes(-1, -2)
         diagonal = np.diagonal(information, axis1=1, axis2=2)
-        safe = np.where(diagonal > DETERMINED * whole[:, None], diagonal, np.nan)
+        safe = np.where(diagonal > MIN_INFORMATION * whole[:, None], diagonal, np.nan)
         residual[index] = error / np.sqrt(safe)
         of_trial[index] = -(gain * (error / safe)[:, None]).swapaxes(-1, -2)
         value, vector = np.linalg.eigh(information)
-        value = np.where((value.min(axis=1) > DETERMINED * whole)[:, None], value, np.nan)
+        value = np.where((value.min(axis=1) > MIN_INFORMATION * whole)[:, None], value, np.nan)
         turned = np.einsum("mij,mi->mj", vector, error)
         predicted = np.einsum("mij,mj->mi", vector, turned / value)
         constant = np.log(value).sum(axis=1) - index.shape[1] * np.log(2 * np.pi)

@@ -28,9 +28,10 @@ from nearlift.declare import FloatArray, Parameter
 from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.stations import Stations
 
-#: Minus the log density where it is zero, while its peak is searched: above that of any trials.
+#: Minus the log density where it is zero, while its peak is searched. Ours: above that of any
+#: trials.
 NO_VALUE = 1e10
-#: Width of a normal's central 90 % interval, in standard deviations.
+#: Width of a normal's central 90 % interval, in standard deviations, to two digits.
 WIDTH_90 = 3.3
 
 
@@ -155,9 +156,9 @@ class Density:
             value = self(at(x).reshape(-1, len(start)))
             return np.where(np.isfinite(value), -value, NO_VALUE).reshape(*x.shape[:-1], 1)
 
-        def slopes(x: FloatArray) -> FloatArray:
+        def slopes(x: FloatArray) -> Any:
             change, apart = derivative.central(cost, x, 1.0, first, last)
-            return np.asarray(change[:, 0] / apart, dtype=np.float64)
+            return change[:, 0] / apart
 
         end = minimize(
             lambda x: float(cost(x)[0]),

@@ -13,15 +13,16 @@ from nearlift.fit.density import Density
 
 #: Points along each axis, by number of parameters, and how often they are doubled for a shape that
 #: they do not resolve (a bent ridge): 600,000 points at most, which take a second.
-POINTS = {1: 1025, 2: 193}
-DOUBLINGS = 2
+GRID_POINTS = {1: 1025, 2: 193}
+MAX_DOUBLINGS = 2
 #: Points along each axis while the grid's reach is searched, and maximum number of rounds of it.
-ROUGH_POINTS, ROUNDS = 65, 8
+#: Ours: a coarse grid suffices to see an edge, and a round can triple the reach.
+REACH_POINTS, REACH_ROUNDS = 65, 8
 #: Fall of the log density at which the grid ends: the tail of a normal beyond it is below 1e-7.
-DEEP = 16.0
+MAX_LOG_FALL = 16.0
 #: Limit on the change of a cumulative probability when the resolution is halved: less than the
 #: Monte Carlo error of 4000 draws.
-COARSE = 0.005
+MAX_GRID_ERROR = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +45,7 @@ class PosteriorGrid:
     @property
     def resolved(self) -> bool:
         """Whether the grid may be used."""
-        return self.error < COARSE
+        return self.error < MAX_GRID_ERROR
 
     def below(self, parameter: int, value: float) -> float:
         """Marginal cumulative probability of a parameter at `value`; each point's is spread over
@@ -73,9 +74,9 @@ class PosteriorGrid:
     def draw(self, rng: np.random.Generator, n: int) -> FloatArray:
         """Independent draws, (n, p), uniform within the cell of a point."""
         places = (np.arange(n) + rng.random()) / n
-        picked = np.minimum(np.searchsorted(np.cumsum(self.mass), places), len(self.mass) - 1)
+        nearest = np.minimum(np.searchsorted(np.cumsum(self.mass), places), len(self.mass) - 1)
         offset = rng.random((n, len(self.steps))) - 0.5
-        drawn: FloatArray = self.theta[rng.permutation(picked)] + offset @ self.steps
+        drawn: FloatArray = self.theta[rng.permutation(nearest)] + offset @ self.steps
         return drawn
 
 
@@ -95,10 +96,10 @@ def grid(density: Density) -> PosteriorGrid:
         theta = mean + np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1) @ axes.T
         return theta, density(theta.reshape(-1, p)).reshape(theta.shape[:-1])
 
-    low, high, last = np.full(p, -6.0), np.full(p, 6.0), ROUGH_POINTS - 1
-    for _ in range(ROUNDS):
-        _, log = evaluated(ROUGH_POINTS)
-        places = np.array(np.nonzero(log > log.max() - DEEP))
+    low, high, last = np.full(p, -6.0), np.full(p, 6.0), REACH_POINTS - 1
+    for _ in range(REACH_ROUNDS):
+        _, log = evaluated(REACH_POINTS)
+        places = np.array(np.nonzero(log > log.max() - MAX_LOG_FALL))
         first, final = places.min(axis=1), places.max(axis=1)
         before, width = np.stack([low, high]), high - low
         # widen a side that still holds mass, shrink one that does not
@@ -106,8 +107,8 @@ def grid(density: Density) -> PosteriorGrid:
         low = np.where(first == 0, low - width, low + (first - 1) * width / last)
         if np.allclose([low, high], before, atol=0.05 * np.ptp(before)):
             break
-    for doubling in range(DOUBLINGS + 1):
-        points = (POINTS[p] - 1) * 2**doubling + 1
+    for doubling in range(MAX_DOUBLINGS + 1):
+        points = (GRID_POINTS[p] - 1) * 2**doubling + 1
         posterior = _with_error(*evaluated(points), (axes * ((high - low) / (points - 1))).T)
         if posterior.resolved:
             break

@@ -17,7 +17,7 @@ from nearlift.results import Observations
 
 #: Share of the nearest trial's distance within the model's range that the error may take.
 #: Ours: at the end of the range itself some models have a pole.
-CLOSEST = 0.9
+MAX_DISTANCE_SHARE = 0.9
 
 
 def common(parts: Iterable[Component], data: Observations) -> tuple[Component, ...]:
@@ -39,7 +39,7 @@ def standard_m(parts: Iterable[Component]) -> float:
 
 def room_m(model: LiftModel, data: Observations) -> float:
     """Largest error towards the boundary, m, by which no trial is moved through it."""
-    return CLOSEST * data.radius_m * (float(data.z_hat.min()) - model.valid_z_hat[0])
+    return MAX_DISTANCE_SHARE * data.radius_m * (float(data.z_hat.min()) - model.valid_z_hat[0])
 
 
 def most_probable_m(

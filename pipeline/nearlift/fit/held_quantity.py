@@ -27,29 +27,29 @@ from nearlift.results.fit import ExponentFit, HeldQuantity, LoggedResponse
 from nearlift.rounding import chance, plus_minus
 
 #: Exponent at constant power by momentum theory, and least and greatest at constant rotor speed by
-#: blade-element theory (solidity times lift slope 0.75 to 1.14).
-POWER, SPEED = 2 / 3, (0.6, 0.82)
+#: an own blade-element closure (solidity times lift slope 0.75 to 1.14; docs/assumptions.md).
+POWER, SPEED_EXPONENTS = 2 / 3, (0.6, 0.82)
 #: Plausible exponents, each with its assumption.
-PLAUSIBLE = {
+PLAUSIBLE_EXPONENTS = {
     1.0: "the ratio as published",
-    SPEED[1]: "constant speed, at most",
+    SPEED_EXPONENTS[1]: "constant speed, at most",
     POWER: "constant power",
-    SPEED[0]: "constant speed, at least",
+    SPEED_EXPONENTS[0]: "constant speed, at least",
 }
-#: Bounds of a free exponent: the plausible ones with room to either side.
+#: Bounds of a free exponent. Ours: the plausible ones with room to either side.
 EXPONENT_BOUNDS = (0.1, 3.0)
 #: Distance from a bound, relative to a parameter's scale, at which it is at the bound. Ours: far
 #: below any uncertainty.
-AT_BOUND = 1e-4
+BOUND_MARGIN = 1e-4
 #: Significance level of the test that a logged quantity was held: one false alarm in a hundred
 #: campaigns, since it changes the exponent.
-NOT_HELD = 0.01
+HELD_TEST_LEVEL = 0.01
 #: Least denominator of the formulas above: part of the change of lift at constant speed or power.
 #: Ours: at less, an error of the exponent counts tenfold.
-LEAST_LEFT = 0.1
+MIN_CHANGE_LEFT = 0.1
 #: Fewest visits in one session for a response: six are left after a level and a slope.
-ENOUGH = 8
-NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
+MIN_RESPONSE_VISITS = 8
+QUANTITY_NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,21 +82,21 @@ def examine(
 
     def at(exponents: Sequence[float]) -> tuple[ExponentFit, ...]:
         return tuple(
-            ExponentFit.around(value, u, reach90, n=n, supposes=PLAUSIBLE.get(n))
+            ExponentFit.around(value, u, reach90, n=n, supposes=PLAUSIBLE_EXPONENTS.get(n))
             for n, value, u in at_exponents(problem, theta, exponents)
         )
 
     held = HeldQuantity(
         declared=declared,
         coefficient=problem.names[0],
-        plausible=at(list(PLAUSIBLE)),
+        plausible=at(list(PLAUSIBLE_EXPONENTS)),
         exponent_from_lift=Estimate.around(*free[:2], reach90) if free else None,
         logged=tuple(r.logged for r in responses),
         supported_exponents=supported,
         supported=at(supported) if supported else (),
         text="",
     )
-    unanswered = [NAMES[q] for q, r in answers.items() if r is None and q != "supply_V"]
+    unanswered = [QUANTITY_NAMES[q] for q, r in answers.items() if r is None and q != "supply_V"]
     return replace(held, text=_text(held, unanswered)), responses
 
 
@@ -120,7 +120,8 @@ def _text(held: HeldQuantity, unanswered: Sequence[str]) -> str:
         verdict = "does not follow the boundary" if r.held else "was not constant"
         answer = plus_minus(r.response.value, r.response.u)
         parts.append(
-            f"The {NAMES[r.quantity]} logged {verdict}: it scales as lift to the power {answer}"
+            f"The {QUANTITY_NAMES[r.quantity]} logged {verdict}: it scales as lift to the power"
+            f" {answer}"
             f" ({chance(r.p_value)}), and varied by {100 * r.spread:.2g} % within a throttle."
         )
     if unanswered:
@@ -167,7 +168,7 @@ def _raised(
     for x in best[minima.converged]:
         jacobian = slopes(x[None])[0][: len(x) - (not free)]
         u = joint_information(problem, jacobian.T).u
-        inside = (x - low > AT_BOUND * scale) & (high - x > AT_BOUND * scale)
+        inside = (x - low > BOUND_MARGIN * scale) & (high - x > BOUND_MARGIN * scale)
         yield x, np.where(inside[: len(u)], u, np.inf) if free else u
 
 
@@ -201,7 +202,7 @@ def logged(data: Observations) -> dict[str, FloatArray]:
     known = dict(data.covariates)
     if "power_W" not in known and {"supply_V", "current_A"} <= known.keys():
         known["power_W"] = known["supply_V"] * known["current_A"]
-    wanted = {name: known[name] for name in NAMES if name in known}
+    wanted = {name: known[name] for name in QUANTITY_NAMES if name in known}
     return {name: x for name, x in wanted.items() if np.isfinite(x).all() and (x > 0).all()}
 
 
@@ -223,7 +224,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     visits = np.unique(data.visit, return_inverse=True)[1]
     dof = visits.max() + 1 - sessions - 1
     # distance and session changed together: the ratio does not vary within a session
-    if dof < ENOUGH - 2 or not alone @ alone > 1e-4 * len(y) * np.var(log_ratio):
+    if dof < MIN_RESPONSE_VISITS - 2 or not alone @ alone > 1e-4 * len(y) * np.var(log_ratio):
         return None
     # sessions about their mean, so that a throttle's level is that of the whole campaign
     x = np.column_stack([levels, log_ratio, session - session.mean(axis=0)])
@@ -242,7 +243,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
             quantity=quantity,
             response=estimate,
             p_value=p,
-            held=p >= NOT_HELD,
+            held=p >= HELD_TEST_LEVEL,
             spread=float(np.sqrt(np.mean(within**2))),
             exponents=_implied(quantity, estimate),
         ),
@@ -257,11 +258,11 @@ def _implied(quantity: str, slope: Estimate) -> tuple[float, float] | None:
 
     None for other quantities, and where lift would follow the quantity's own change alone.
     """
-    at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(
+    at_constant, follows = {"speed_Hz": (SPEED_EXPONENTS, 2.0), "power_W": ((POWER,), POWER)}.get(
         quantity, ((), 1.0)
     )
     left = 1 - follows * np.array([slope.lo90, slope.hi90])
-    if not at_constant or left.min() < LEAST_LEFT:
+    if not at_constant or left.min() < MIN_CHANGE_LEFT:
         return None
     implied = np.outer(at_constant, 1 / left)
     return float(implied.min()), float(implied.max())

@@ -26,18 +26,18 @@ from nearlift.results.fit import Influence, Suspect
 from nearlift.rounding import like, plain, plus_minus
 
 #: Median relative variance up to which trials repeat exactly: just above the variance floor.
-EXACT = 1.1e-12
+EXACT_VARIANCE = 1.1e-12
 #: Shift of the headline in closed form, in its standard uncertainties, from which a trial is fitted
-#: without; and for a visit that is an outlier as a whole. Ours: `MOVES` less a margin, since the
-#: closed form holds the scatter that an outlier inflates.
-LOOK, LOOK_AT_ODD = 0.6, 0.25
+#: without; and for a visit that is an outlier as a whole. Ours: `NAMED_SHIFT` less a margin, since
+#: the closed form holds the scatter that an outlier inflates.
+TRIED_SHIFT, TRIED_SHIFT_ODD = 0.6, 0.25
 #: Shift of the headline between fits, in its standard uncertainties, from which a trial is named.
 #: Below one, since leaving out a glitch shifts it by less than the glitch did: the information of
 #: the trial is lost too (docs/decisions.md#outliers).
-MOVES = 0.8
+NAMED_SHIFT = 0.8
 #: Maximum number of trials named, and of fits for each name. Ours: they bound the time; a campaign
 #: with more outliers has another fault.
-MOST, TRIES = 10, 4
+MAX_NAMED, MAX_FITS = 10, 4
 
 
 def screen(
@@ -70,7 +70,7 @@ def search(
     odd: Collection[str] | NDArray[np.object_] = (),
     odd_visits: Collection[int] | NDArray[np.int64] = (),
 ) -> Influence:
-    """Name the outlying trials, and the trials and visits that move the headline by `MOVES`.
+    """Name the outlying trials, and the trials and visits that move the headline by `NAMED_SHIFT`.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def search(
     data, trials = whole.problem.data, np.arange(whole.problem.data.n)
     if not whole.names:
         return Influence(why_not=f"{whole.model.name} has no free coefficient")
-    if np.median(whole.problem.covariance.variance) <= EXACT:
+    if np.median(whole.problem.covariance.variance) <= EXACT_VARIANCE:
         why = "the trials repeat exactly, so nothing shows how far noise may move a coefficient"
         return Influence(why_not=why)
 
@@ -115,7 +115,7 @@ def search(
     out |= _masked(without, clean, out, np.isin(data.trial, list(odd)) & ~out)
     clean = without(out) or clean
     named = np.flatnonzero(out).tolist()
-    while len(named) < MOST:
+    while len(named) < MAX_NAMED:
         kept, moved = np.flatnonzero(~out), deletion.influence(clean)
         far = kept[_far(moved.of_trial[:, 0], moved.residual**2, clean)]
         moving = (i for i in far if _moves(clean, without(out | (trials == i))))
@@ -125,12 +125,12 @@ def search(
         clean = without(out) or clean
         named.append(int(i))
     suspects = []
-    for i in named[:MOST]:
+    for i in named[:MAX_NAMED]:
         name, again = str(data.trial[i]), without(trials == i)
         verdict = f"{name} is an outlier: without it" if name in outlying else f"without {name}"
         suspects.append(_suspect("trial", name, (name,), name in outlying, verdict, whole, again))
     moved = deletion.influence(clean)
-    look = np.where(np.isin(moved.visit, list(odd_visits)), LOOK_AT_ODD, LOOK)
+    look = np.where(np.isin(moved.visit, list(odd_visits)), TRIED_SHIFT_ODD, TRIED_SHIFT)
     for j in _far(moved.of_visit[:, 0], moved.chi2, clean, look):
         members = (data.visit == moved.visit[j]) & ~out
         again = without(members | out) if members.sum() > 1 else None
@@ -150,14 +150,14 @@ def _masked(
     out: BoolArray,
     odd: BoolArray,
 ) -> BoolArray:
-    """Odd trials that shift the headline by `MOVES` with the other odd ones left out; all of them,
-    if only all do.
+    """Odd trials that shift the headline by `NAMED_SHIFT` with the other odd ones left out; all of
+    them, if only all do.
     """
     single = np.zeros_like(odd)
     base = without(out | odd)
     if base is None or not _moves(clean, base):
         return single
-    for i in np.flatnonzero(odd)[:MOST]:
+    for i in np.flatnonzero(odd)[:MAX_NAMED]:
         again = without((out | odd) & (np.arange(len(odd)) != i))
         single[i] = again is None or _moves(base, again)
     return single if single.any() else odd
@@ -198,7 +198,10 @@ def _headline(fitted: LeastSquaresFit) -> Estimate:
 
 
 def _far(
-    shift: FloatArray, chi2: FloatArray, clean: LeastSquaresFit, look: FloatArray | float = LOOK
+    shift: FloatArray,
+    chi2: FloatArray,
+    clean: LeastSquaresFit,
+    look: FloatArray | float = TRIED_SHIFT,
 ) -> list[int]:
     """The few largest shifts of the headline that deserve a fit, the largest first.
 
@@ -207,16 +210,16 @@ def _far(
     """
     narrower = np.sqrt(np.clip(1 - chi2 / max(clean.chi2, clean.dof), 0.0, 1.0))
     ratio = np.abs(shift) / (look * _headline(clean).u * np.maximum(narrower, 1e-3))
-    order = np.argsort(-np.nan_to_num(ratio), kind="stable")[:TRIES]
+    order = np.argsort(-np.nan_to_num(ratio), kind="stable")[:MAX_FITS]
     return [int(i) for i in order if ratio[i] > 1]
 
 
 def _moves(clean: LeastSquaresFit, again: LeastSquaresFit | None) -> bool:
-    """Whether the headlines differ by more than `MOVES` of the smaller standard uncertainty."""
+    """Whether the headlines differ by more than `NAMED_SHIFT` of the smaller u."""
     if again is None:
         return False
     u = min(_headline(clean).u, _headline(again).u)
-    return bool(abs(again.theta[0] - clean.theta[0]) > MOVES * u)
+    return bool(abs(again.theta[0] - clean.theta[0]) > NAMED_SHIFT * u)
 
 
 def notes(boundary: str, entry: Influence) -> Iterable[str]:

@@ -48,7 +48,7 @@ UNITS = {
 }
 #: Line of the noise within each trial's own record, and lines of the components of `Noise`.
 RECORD_NOISE = "noise within a record"
-NAMES = {
+SCATTER_NAMES = {
     "relative": "proportional scatter",
     "force_N": "force scatter",
     "height_m": "height scatter",
@@ -60,14 +60,15 @@ NAMES = {
 DEGENERATE = 0.95
 #: Least relative reduction of an uncertainty for which a remedy is listed; u is printed to two
 #: digits.
-WORTH = 0.05
-#: Information of exact knowledge, far above that of any trials; number of repeats at which scatter
-#: is taken as absent: 1e-4 of its u is left.
-EXACT, MOST_REPEATS = 1e30, 1e8
+MIN_REDUCTION = 0.05
+#: Information of exact knowledge, in the unknown's unit to the power -2: far above that of any
+#: trials. Number of repeats at which scatter is taken as absent: 1e-4 of its u is left. Ours.
+EXACT_INFORMATION, ENDLESS_REPEATS = 1e30, 1e8
 #: Fraction of its length that a parameter's row must keep once L_inf is projected out; least
 #: eigenvalue of the scaled information along a determined direction; and greatest share of a
-#: determined parameter in an undetermined one. The floating-point precision is 2e-16.
-KEPT, SEEN, BLIND = 1e-6, 1e-13, 1e-6
+#: determined parameter in an undetermined one. Ours: well above rounding, which is 2e-16 of a row
+#: and of an eigenvalue, and its root of a share.
+MIN_KEPT_LENGTH, MIN_EIGENVALUE, MAX_BLIND_PART = 1e-6, 1e-13, 1e-6
 
 
 def parameter_covariance(
@@ -80,15 +81,15 @@ def parameter_covariance(
     uncertainty. `whole` (p,) is the length of each row before L_inf was projected out. A parameter
     that keeps none of it, as where all trials are at one distance, is undetermined.
     """
-    seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else KEPT * whole)
+    seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else MIN_KEPT_LENGTH * whole)
     white = np.where(seen[:, None], white, 0.0)
     information = white @ white.T
     size = np.sqrt(np.diag(information))
     unit = np.outer(*[np.where(size > 0, size, 1.0)] * 2)
     value, vector = np.linalg.eigh(information / unit)
-    blind = value < SEEN
+    blind = value < MIN_EIGENVALUE
     inverse = (vector[:, ~blind] / value[~blind]) @ vector[:, ~blind].T
-    determined = seen & np.all(np.abs(vector[:, blind]) < BLIND, axis=1)
+    determined = seen & np.all(np.abs(vector[:, blind]) < MAX_BLIND_PART, axis=1)
     return np.asarray(inverse / unit, dtype=np.float64), determined
 
 
@@ -277,7 +278,7 @@ def lines(
             dof = np.where(spread > 0, 2 * variance**2 / spread, scatter.dof)
         without = replace(whole, **known)
         listed.append(
-            Line(NAMES[name], variance, without, standard, unit, scope, dof=dof, sizes=mine)
+            Line(SCATTER_NAMES[name], variance, without, standard, unit, scope, dof=dof, sizes=mine)
         )
     assumed = whole.variance - trial_variance(data, scatter)
     for part, which in _columns(data, parts):
@@ -413,7 +414,7 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
             for other in others
             if other.members.start != at
         ]
-        worth = [r for r in remedies if r.u_best < (1 - WORTH) * r.u]
+        worth = [r for r in remedies if r.u_best < (1 - MIN_REDUCTION) * r.u]
         halving[fit.names[i]] = Halving(
             knowledge=tuple(sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))),
             repeats=_repeats(letter(fit.names[i]), at, joint, scale),
@@ -432,7 +433,7 @@ def _variance(covariance: FloatArray, i: int, members: slice) -> Callable[[float
 def _remedy(who: str, i: int, other: Quantity, covariance: FloatArray, scale: float) -> Remedy:
     """Effect of a measurement of another quantity on the uncertainty of coefficient i."""
     variance, members = _variance(covariance, i, other.members), other.members
-    whole, best = variance(0.0), max(variance(EXACT), 0.0)
+    whole, best = variance(0.0), max(variance(EXACT_INFORMATION), 0.0)
     u, u_best, r = scale * whole**0.5, scale * best**0.5, (1 - best / whole) ** 0.5
     correlated, needed = f"multiple r = {r:.2f}", float("nan")
     if members.stop - members.start == 1:
@@ -464,9 +465,9 @@ def _repeats(who: str, i: int, joint: JointInformation, scale: float) -> Repeats
     def variance(times: float) -> float:
         return left(1 / times - 1) / times
 
-    whole, limit = variance(1.0), variance(MOST_REPEATS)
+    whole, limit = variance(1.0), variance(ENDLESS_REPEATS)
     if limit < whole / 4:
-        times = _crossing(variance, whole / 4, 1.0, MOST_REPEATS)
+        times = _crossing(variance, whole / 4, 1.0, ENDLESS_REPEATS)
         text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
         return Repeats(times=times, text=text)
     text = (

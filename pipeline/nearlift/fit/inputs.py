@@ -30,7 +30,8 @@ from nearlift.results import Observations
 from nearlift.results.fit import UndeclaredInput
 
 #: Relative uncertainty of a calliper on a small rotor, and uncertainty in m of a datum set by eye.
-PLAUSIBLE = {"rotor_radius": 0.01, "rotor_spacing": 0.01, "height": 5e-4}
+#: Ours: a quarter of a millimetre on 23 mm, and half of a ruler's division.
+PLAUSIBLE_ERRORS = {"rotor_radius": 0.01, "rotor_spacing": 0.01, "height": 5e-4}
 
 
 def acting(
@@ -105,7 +106,7 @@ def undeclared(
     declared, model = {part.on for part in parts}, problem.model
     moves = tuple(n for n in ("spacing_hat", "diagonal_hat", "layout_hat") if n in model.needs)
     listed = []
-    for on, size in PLAUSIBLE.items():
+    for on, size in PLAUSIBLE_ERRORS.items():
         if on in declared or (on == "rotor_spacing" and not moves):
             continue
         part = Component(

@@ -18,10 +18,11 @@ from nearlift.results import Estimate, Noise, Observations
 from nearlift.results.fit import ExcludedTrial
 
 #: Standard uncertainty over a parameter's range from which it is rounding, and the parameter
-#: undetermined.
-VAGUE = 1e6
-#: Maximum number of times that noise and slope are taken again: two settle them to second order.
-ROUNDS = 3
+#: undetermined. Ours: no trials determine a millionth of a range.
+MAX_U_OF_RANGE = 1e6
+#: Maximum number of times that noise and slope are taken again. Ours: two settle them to second
+#: order.
+NOISE_ROUNDS = 3
 #: Maximum number of times that the height error is taken again, and its last change, in stated
 #: standard uncertainties. Ours: the rest is far below a printed digit.
 HEIGHT_ROUNDS, SAME_HEIGHT = 30, 1e-3
@@ -155,7 +156,7 @@ def fit(
     standard = height_error.standard_m(height_error.common(parts, data)) * (offset_m is None)
     theta, about = np.array([q.value for q in model.parameters]), offset_m or 0.0
     settled, declared = scatter or Noise(relative=0.01), parts
-    for _ in range(ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         parts = inputs.acting(declared, model, theta)
         if scatter is None:
             settled = _scatter(model, data, parts, settled, theta, about)
@@ -241,7 +242,7 @@ def _described(
     )
     low, high = problem.model.bounds
     width, nearest = high - low, np.minimum(theta - low, high - theta)
-    u = np.where(joint.u < VAGUE * width, joint.u, np.inf)
+    u = np.where(joint.u < MAX_U_OF_RANGE * width, joint.u, np.inf)
     at_bound = np.isfinite(width) & (nearest < AT_BOUND * width)
     levels_N = np.exp(data.shown(level_coefficients))
     u_levels = levels_N * np.sqrt(np.diag(problem.shown_covariance(level_covariance)))

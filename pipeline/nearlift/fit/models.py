@@ -30,7 +30,7 @@ from nearlift.results.quotation import BoundaryResult
 Progress = Callable[[str, float], None]
 #: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
 #: errors are not there: fewer than one false note in a million boundaries.
-SURELY_LESS = 1e-6
+OVERSTATED_CHI2_LEVEL = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +146,7 @@ def overdeclared(result: LeastSquaresFit) -> list[str]:
     """A note where trials scatter far less than was declared of what repeats show; else none."""
     from scipy.stats import chi2
 
-    if not result.dof or chi2.cdf(result.chi2, result.dof) > SURELY_LESS:
+    if not result.dof or chi2.cdf(result.chi2, result.dof) > OVERSTATED_CHI2_LEVEL:
         return []
     note = (
         f"{result.problem.data.boundary}: trials scatter far less than the stated"

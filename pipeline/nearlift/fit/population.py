@@ -18,11 +18,11 @@ from nearlift.results.answers import Population, SpreadPrior
 from nearlift.results.estimate import Estimate
 
 #: Grid points of the integral over the spread. Ours: 4.5 decades, a point each 2.6 %.
-GRID = 400
+SPREAD_POINTS = 400
 #: Fewest campaigns for an estimate of the spread: two have one difference and no scatter of it.
-FEWEST = 3
+MIN_CAMPAIGNS = 3
 #: Probability beyond each end of an interval (90 %, as everywhere in the package).
-TAIL = 0.05
+TAIL_PROBABILITY = 0.05
 
 
 def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Population:
@@ -47,11 +47,11 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
     from scipy.stats import chi2
 
     n = len(value)
-    if n < FEWEST:
+    if n < MIN_CAMPAIGNS:
         raise InputRefused(
             "compare",
             f"{n} campaigns do not determine how much campaigns differ",
-            f"give at least {FEWEST}",
+            f"give at least {MIN_CAMPAIGNS}",
         )
     u = np.sqrt(np.diag(covariance))
     if not (np.isfinite(value).all() and np.isfinite(u).all() and (u > 0).all()):
@@ -63,7 +63,7 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
     length, axes = np.linalg.eigh(covariance)
     length = np.maximum(length, 1e-12 * length.max())
     ones, y = axes.T @ np.ones(n), axes.T @ value
-    spread = np.concatenate([[0.0], scale * np.geomspace(1e-3, 30.0, GRID)])
+    spread = np.concatenate([[0.0], scale * np.geomspace(1e-3, 30.0, SPREAD_POINTS)])
     weight = 1.0 / (length + spread[:, None] ** 2)
     information = weight @ ones**2
     mean = (weight @ (ones * y)) / information
@@ -95,14 +95,14 @@ def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) 
     """Mean, standard deviation and 90 % interval of a mixture of normals."""
     mean = float(weight @ centre)
     u = float(np.sqrt(weight @ (sd**2 + (centre - mean) ** 2)))
-    low, high = student.mixture(TAIL, np.column_stack([weight, centre, sd]), np.inf)
+    low, high = student.mixture(TAIL_PROBABILITY, np.column_stack([weight, centre, sd]), np.inf)
     return Estimate(value=mean, u=u, lo90=low, hi90=high, unit=unit)
 
 
 def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> Estimate:
     """Median, standard deviation and 90 % interval of a density on a grid."""
     below = np.cumsum(weight) - 0.5 * weight
-    low, median, high = np.interp([TAIL, 0.5, 1 - TAIL], below, x)
+    low, median, high = np.interp([TAIL_PROBABILITY, 0.5, 1 - TAIL_PROBABILITY], below, x)
     mean = weight @ x
     return Estimate(
         value=float(median),

@@ -25,28 +25,28 @@ from nearlift.results.fit import APART, SamplerCheck
 
 #: Chains into which independent draws are divided: the least number for R-hat (Vehtari et al. 2021,
 #: Bayesian Anal. 16, 667).
-CHAINS = 4
+INDEPENDENT_CHAINS = 4
 #: Maximum number of parameters for a grid. Ours: three would need 7 million points.
-GRID = 2
+MAX_GRID_PARAMETERS = 2
 #: Cumulative probabilities at which chain and grid are compared: the quoted interval, and
 #: the quartiles, where a missed mode shows.
 PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
-#: Steps between two assessments of a chain. Ours: a chain is
-#: at most so much longer than it needs to be.
-BLOCK = 200
-#: Approximate lattice points per standard deviation for the walkers' starts: a power of two,
-#: so that differences of walkers are exact.
-LATTICE = 4096
+#: Steps between two assessments of a chain. Ours: a chain is at most so much longer than it needs
+#: to be.
+BLOCK_STEPS = 200
+#: Approximate lattice points per standard deviation for the walkers' starts. Ours: far below the
+#: standard deviation, and a power of two, so that differences of walkers are exact.
+LATTICE_POINTS = 4096
 #: Length of a chain in tau from which emcee's documentation trusts the estimate of tau.
-LENGTHS = 50
-#: Burn-in in tau; emcee's tutorial takes 2 to 5.
-BURN = 10
+MIN_LENGTH_TAU = 50
+#: Burn-in in tau. Ours: twice what emcee's tutorial takes, 2 to 5, and more.
+BURN_IN_TAU = 10
 #: Effective draws at the ends of the 90 % interval, as a fraction of those of the mean.
 #: Ours: they mix more slowly, and half as many still fix an end to 0.05 standard deviations.
-TAIL = 0.5
+TAIL_ESS_SHARE = 0.5
 #: Share of moves along the whole difference of two walkers, by which they change between modes
 #: (ter Braak 2006, Stat. Comput. 16, 239).
-JUMPS = 0.1
+JUMP_SHARE = 0.1
 
 Stream = Callable[[str], np.random.Generator]
 Progress = Callable[[int], None]
@@ -73,7 +73,7 @@ class Posterior:
         Share of accepted moves, and steps, of emcee; nan and 0 without a chain.
     log_evidence, u_log_evidence : float
         Log of the marginal likelihood, L_inf's prior flat in the logarithm, and its numerical
-        error; nan for more than `GRID` parameters.
+        error; nan for more than `MAX_GRID_PARAMETERS` parameters.
     exact : PosteriorGrid or None
         The grid, if it is resolved.
     """
@@ -143,15 +143,15 @@ def sample(
     def stream(part: str) -> np.random.Generator:
         return randomness.generator(seed, "posterior", part, *purpose)
 
-    p, count = len(density.centre), -(-ess // CHAINS) * CHAINS
-    lattice = grid(density) if 0 < p <= GRID else None
+    p, count = len(density.centre), -(-ess // INDEPENDENT_CHAINS) * INDEPENDENT_CHAINS
+    lattice = grid(density) if 0 < p <= MAX_GRID_PARAMETERS else None
     exact = lattice if lattice and lattice.resolved else None
     if p and (chain or not exact):
         drawn = run_chain(density, stream, ess, steps, lattice, progress)
     else:
         theta = exact.draw(stream("grid"), count) if exact else np.zeros((count, 0))
         theta = np.clip(theta, *density.problem.model.bounds)
-        chains = theta.reshape(CHAINS, count // CHAINS, p)
+        chains = theta.reshape(INDEPENDENT_CHAINS, count // INDEPENDENT_CHAINS, p)
         drawn = Posterior(
             names=density.problem.names,
             theta=chains,
@@ -190,18 +190,18 @@ def run_chain(
     import emcee
 
     p, place = len(density.centre), f"posterior of {density.problem.model.name}"
-    count = max(2 * math.ceil(1.25 * ess / LENGTHS / 2), 2 * (p + 1), 32)
+    count = max(2 * math.ceil(1.25 * ess / MIN_LENGTH_TAU / 2), 2 * (p + 1), 32)
     rng = stream("emcee")
     begin = start(density, rng, count)
     generator = np.random.RandomState(int(rng.integers(2**32)))
-    moves = [(emcee.moves.DEMove(), 1 - JUMPS), (emcee.moves.DEMove(gamma0=1.0), JUMPS)]
+    moves = [(emcee.moves.DEMove(), 1 - JUMP_SHARE), (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE)]
     sampler = emcee.EnsembleSampler(count, p, density, moves=moves, vectorize=True)
     # emcee's wrapper prints a traceback where a run is interrupted
     sampler.log_prob_fn = density
     state = emcee.State(begin, random_state=generator.get_state())
     least = 0
     while True:
-        state = sampler.run_mcmc(state, BLOCK)
+        state = sampler.run_mcmc(state, BLOCK_STEPS)
         steps = sampler.iteration
         progress(steps)
         if steps < least:
@@ -209,14 +209,14 @@ def run_chain(
         theta = sampler.get_chain()
         tau = autocorrelation_time(theta[steps // 4 :])
         slowest = float(tau.max())
-        burn = min(math.ceil(BURN * slowest), steps - 1)
+        burn = min(math.ceil(BURN_IN_TAU * slowest), steps - 1)
         late = theta[burn:]
         reached = len(late) * count / tau
-        need = math.ceil(max(LENGTHS, 1.1 * ess / count) * slowest) + burn
+        need = math.ceil(max(MIN_LENGTH_TAU, 1.1 * ess / count) * slowest) + burn
         if steps >= need:
             ends = np.quantile(late, [0.05, 0.95], axis=(0, 1))
             tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
-            short = max(ess / reached.min(), TAIL * ess / max(float(tail.min()), 1.0))
+            short = max(ess / reached.min(), TAIL_ESS_SHARE * ess / max(float(tail.min()), 1.0))
             if short <= 1:
                 # two draws for each effective one that is asked for, more would tell little more;
                 # arviz takes fewer of a walker than there are walkers for a mistake
@@ -265,7 +265,7 @@ def start(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
     """
     mean, spread = density.peak, density.spread()
     root = 2 * np.linalg.cholesky(spread)
-    step = 2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE
+    step = 2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE_POINTS
     places = np.empty((0, len(mean)))
     for attempt in range(200):
         offset = rng.standard_normal((count, len(mean))) @ root.T / (1 + attempt / 10)

@@ -21,16 +21,17 @@ from nearlift.results.fit import ProfileIntervals
 from nearlift.results.quotation import LEVELS
 
 #: Points of the first grid. Ours: four a standard uncertainty.
-POINTS = 33
-#: The grid is finer, with so many points, within this many standard uncertainties of the optimum,
-#: where a profile is most curved.
-NEAR, NEAR_POINTS = 1.5, 31
+FIRST_POINTS = 33
+#: The grid is finer, with so many points, within this many standard uncertainties of the optimum.
+#: Ours: a profile is most curved there; a point each tenth of a standard uncertainty.
+NEAR_U, NEAR_POINTS = 1.5, 31
 #: First reach in standard uncertainties; widened while the profile stays below the highest
-#: threshold, at most so often. Ours: the 95 % threshold from three degrees of
-#: freedom; each widening doubles it.
-REACH, WIDENINGS = 4.0, 5
-#: Values closer than this, in standard uncertainties, count as one.
-SAME = 1e-6
+#: threshold, at most so often. Ours: the 95 % threshold from three degrees of freedom; each
+#: widening doubles it.
+FIRST_REACH_U, MAX_WIDENINGS = 4.0, 5
+#: Values closer than this, in standard uncertainties, count as one. Ours: chi2 would differ by
+#: rounding.
+SAME_VALUE_U = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,22 +63,30 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray, stations: Stations) -
     (low, high), dof = fit.model.parameters[i].bounds, float(fit.effective[i])
     centre = float(np.clip(fit.theta[i], low, high))
     grids = [
-        np.linspace(max(centre - REACH * sd[i], low), min(centre + REACH * sd[i], high), POINTS),
-        np.clip(centre + NEAR * sd[i] * np.linspace(-1, 1, NEAR_POINTS), low, high),
+        np.linspace(
+            max(centre - FIRST_REACH_U * sd[i], low),
+            min(centre + FIRST_REACH_U * sd[i], high),
+            FIRST_POINTS,
+        ),
+        np.clip(centre + NEAR_U * sd[i] * np.linspace(-1, 1, NEAR_POINTS), low, high),
     ]
     value, chi2 = np.empty(0), np.empty(0)
-    for _ in range(1 + WIDENINGS):
+    for _ in range(1 + MAX_WIDENINGS):
         further = np.concatenate(grids)
         value, chi2 = np.r_[value, further], np.r_[chi2, _along(fit, i, further, sd, stations)]
         order = np.argsort(value, kind="stable")
         # a parabola between values that differ only by rounding would be noise
-        order = order[np.diff(value[order], prepend=-np.inf) > SAME * sd[i]]
+        order = order[np.diff(value[order], prepend=-np.inf) > SAME_VALUE_U * sd[i]]
         value, chi2 = value[order], chi2[order]
         short, grids = chi2 - chi2.min() < _threshold(95, dof), []
         if short[0] and value[0] > low:
-            grids.append(np.linspace(max(2 * value[0] - centre, low), value[0], POINTS // 2)[:-1])
+            grids.append(
+                np.linspace(max(2 * value[0] - centre, low), value[0], FIRST_POINTS // 2)[:-1]
+            )
         if short[-1] and value[-1] < high:
-            grids.append(np.linspace(value[-1], min(2 * value[-1] - centre, high), POINTS // 2)[1:])
+            grids.append(
+                np.linspace(value[-1], min(2 * value[-1] - centre, high), FIRST_POINTS // 2)[1:]
+            )
         if not grids:
             break
     value, chi2 = value[np.isfinite(chi2)], chi2[np.isfinite(chi2)]

@@ -30,8 +30,8 @@ from nearlift.results.fit import (
 )
 from nearlift.rounding import chance, plus_minus
 
-#: C_L of Carter, Bouchard and Quinn 2021, at every speed.
-PAPER = 1.6
+#: C_L, dimensionless, of Carter, Bouchard and Quinn 2021, at every speed.
+PAPER_C_L = 1.6
 NO_SPEED = (
     "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is"
     " estimated per throttle."
@@ -154,7 +154,7 @@ def _text(C_L: FloatArray, u: FloatArray, law: Trend) -> str:
     """C_L and its trend, with the paper's constant."""
     low, high = C_L.min(), C_L.max()
     text = f"C_L is {low:.3g} to {high:.3g}" if len(C_L) > 1 else f"C_L is {low:.3g} ± {u[0]:.1g}"
-    text += f" ({100 * (law.mean.value / PAPER - 1):+.0f} % from the paper's {PAPER:g})."
+    text += f" ({100 * (law.mean.value / PAPER_C_L - 1):+.0f} % from the paper's {PAPER_C_L:g})."
     if law.exponent and law.p_trend is not None:
         text += (
             f" C_L scales as speed (Reynolds number) to the power"

@@ -31,19 +31,18 @@ from nearlift.results.fit import (
 )
 
 #: Degrees of freedom below which an uncertainty is flagged. Ours: u is then known to 30 %.
-FEW_DOF = 5.0
-#: Range of z_hat, ends excluded, of the trials in `r2_near`. It is that of
-#: Carter, Bouchard and Quinn 2021.
-NEAR_GROUND = (1.0, 3.0)
-#: Cumulative probabilities of a posterior's summary.
-QUANTILES = (0.05, 0.5, 0.95)
+MIN_DOF = 5.0
+#: Range of z_hat, ends excluded, of the trials in `r2_near`, of Carter, Bouchard and Quinn 2021.
+NEAR_GROUND_Z_HAT = (1.0, 3.0)
+#: Cumulative probabilities of a posterior's summary: the 90 % interval and the median.
+SUMMARY_PROBABILITIES = (0.05, 0.5, 0.95)
 #: Ratio of 90 % widths, posterior over prior, above which the data say nothing, and above which the
 #: prior still matters. Ours, for normals: the data then weigh half as much as the prior,
 #: and ten times.
-SAME, SHAPED = 0.8, 0.3
+PRIOR_ONLY_RATIO, PRIOR_SHAPED_RATIO = 0.8, 0.3
 #: Fraction of the bounded range that counts as at a bound, and the least share of draws there to be
 #: reported. Ours: four times what a flat density would leave there.
-EDGE, CROWD = 0.005, 0.02
+EDGE_SHARE, MIN_DRAWS_AT_EDGE = 0.005, 0.02
 
 
 def summary(fit: LeastSquaresFit) -> ModelFit:
@@ -93,13 +92,13 @@ def summary(fit: LeastSquaresFit) -> ModelFit:
 def closeness(fit: LeastSquaresFit) -> tuple[float, float, float | None]:
     """Root mean square of residuals of log lift over trials; R² of cell means of Delta L.
 
-    At the ground also R² of the cells in `NEAR_GROUND`, nan where these are too few.
+    At the ground also R² of the cells in `NEAR_GROUND_Z_HAT`, nan where these are too few.
     """
     data = fit.problem.data
     log_ratio = replace(fit.problem, shift=0.0).log_ratio(fit.theta)
     log_lift = np.log(data.lift_N) - data.of_trials(fit.level_coefficients)
     measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
-    near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
+    near = (data.z_hat > NEAR_GROUND_Z_HAT[0]) & (data.z_hat < NEAR_GROUND_Z_HAT[1])
     rmse = float(np.sqrt(np.mean((log_lift - log_ratio) ** 2)))
     close = None
     if data.boundary == "ground":
@@ -118,7 +117,7 @@ def _r2(measured: FloatArray, predicted: FloatArray, cell: IntArray) -> float:
 
 def _warning(dof: float) -> str | None:
     """Warning for a coefficient whose uncertainty is itself hardly known."""
-    if dof >= FEW_DOF:
+    if dof >= MIN_DOF:
         return None
     return (
         f"the uncertainty itself is known with {dof:.1f} degrees of freedom only: measure more"
@@ -171,7 +170,7 @@ def add_posterior(
     columns = {n: drawn.theta[:, :, i] for i, n in enumerate(drawn.names)}
     for i, (n, draws) in enumerate(columns.items()):
         mean, sd = drawn.exact.moments(i) if drawn.exact else (draws.mean(), draws.std())
-        low, median, high = drawn.quantiles(i, QUANTILES)
+        low, median, high = drawn.quantiles(i, SUMMARY_PROBABILITIES)
         prior = density.priors[i]
         ratio, words = compare_with_prior(prior, draws.ravel())
         before, parameter = prior.quantile([0.05, 0.95]).tolist(), prior.parameter
@@ -194,7 +193,7 @@ def add_posterior(
     for throttle, draws in zip(
         data.levels.tolist(), np.moveaxis(drawn.levels_N, 2, 0), strict=True
     ):
-        low, median, high = np.quantile(draws, QUANTILES)
+        low, median, high = np.quantile(draws, SUMMARY_PROBABILITIES)
         levels[throttle] = Estimate(
             value=draws.mean(), u=draws.std(), median=median, lo90=low, hi90=high, unit="N"
         )
@@ -225,19 +224,19 @@ def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> tuple[float,
     parameter, name = prior.parameter, prior.parameter.name
     low, high = parameter.bounds
     ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95]))) / prior.width90
-    edge, words = EDGE * (high - low), []
-    if ratio > SAME:
+    edge, words = EDGE_SHARE * (high - low), []
+    if ratio > PRIOR_ONLY_RATIO:
         words.append(
             f"the data say nothing about {name}: its interval is the prior's"
             f" ({parameter.prior}), not a result"
         )
-    elif ratio > SHAPED:
+    elif ratio > PRIOR_SHAPED_RATIO:
         words.append(
             f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width"
             f" ({parameter.prior})"
         )
     for near, bound in ((draws < low + edge, low), (draws > high - edge, high)):
-        if (share := float(near.mean())) > CROWD:
+        if (share := float(near.mean())) > MIN_DRAWS_AT_EDGE:
             words.append(
                 f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}"
             )

@@ -25,13 +25,13 @@ RESAMPLES = 400
 #: Least number of crashes that must be expected at a risk.
 LEAST_CRASHES = 3
 #: Gap between set-points, in rotor radii, that needs no refinement.
-FINEST = 0.005
+FINEST_GAP_Z_HAT = 0.005
 #: Largest number of passes, of which all but the first add set-points between those flown.
-ROUNDS = 8
+MAX_PASSES = 8
 #: Share of the flights, and least number of them, that are flown again with half the step.
-CHECKED, LEAST_CHECKED = 0.25, 50
+STEP_TEST_SHARE, MIN_STEP_TEST_FLIGHTS = 0.25, 50
 #: Set-points beyond the last with a crash at which the step is tested too.
-BEYOND = 2
+SAFE_TARGETS_TESTED = 2
 
 
 def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]:
@@ -189,7 +189,7 @@ def sweep(
     weights = resamples(how.flights, generator(how.key % 2**32, "refine"))
     z_hat, new = np.empty(0), np.asarray(target_z_hat, dtype=float)
     crashed = np.empty((n, 0, how.flights), dtype=bool)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_PASSES):
         more = how.ended(curves, new, np.arange(n)[:, None], droop) >= 0
         z_hat = np.append(z_hat, new)
         order = np.argsort(z_hat)
@@ -205,7 +205,7 @@ def sweep(
     tested = np.zeros((n, len(z_hat)), dtype=bool)
     for c in range(n):
         hit = np.flatnonzero(crashed[c, asked].any(axis=1))
-        tested[c, asked[: (int(hit[-1]) + 1 if len(hit) else 0) + BEYOND]] = True
+        tested[c, asked[: (int(hit[-1]) + 1 if len(hit) else 0) + SAFE_TARGETS_TESTED]] = True
     curve, at = np.nonzero(tested)
     step_test = halved_step(how, curves, z_hat[at], curve, droop, crashed[tested])
     return Sweep(target_z_hat=z_hat, crashed=crashed, ratio=curves.at(z_hat)), step_test
@@ -215,10 +215,12 @@ def _wide_gaps(target_z_hat: FloatArray, resampled: FloatArray) -> set[float]:
     """Set-points to add so that no level is interpolated over a gap wider than half its interval.
 
     `resampled` are the levels of one curve under resampling, the first as flown. Empty where the
-    level and the ends of its interval lie in narrow gaps; a gap of FINEST is always narrow.
+    level and the ends of its interval lie in narrow gaps. One of `FINEST_GAP_Z_HAT` is narrow.
     """
     low, high = spread90(resampled)
-    allowed = max(FINEST, 0.5 * (high - low)) if np.isfinite(high - low) else FINEST
+    allowed = (
+        max(FINEST_GAP_Z_HAT, 0.5 * (high - low)) if np.isfinite(high - low) else FINEST_GAP_Z_HAT
+    )
     middles = set()
     for at in (low, high, resampled[0]):
         if np.isfinite(at) and at > target_z_hat[0]:
@@ -238,7 +240,7 @@ def halved_step(
     crashed: BoolArray,
 ) -> StepTest:
     """Step test of settings (n,) on a share of the flights; `crashed` (n, flights) as flown."""
-    flights = min(max(round(CHECKED * how.flights), LEAST_CHECKED), how.flights)
+    flights = min(max(round(STEP_TEST_SHARE * how.flights), MIN_STEP_TEST_FLIGHTS), how.flights)
     halved = replace(how, flights=flights, steps_per_hold=2 * how.steps_per_hold)
     fine = (halved.ended(curves, target_z_hat, curve, droop) >= 0).sum(axis=1)
     both = np.stack([crashed[:, :flights].sum(axis=1), fine])

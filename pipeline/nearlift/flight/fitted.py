@@ -29,9 +29,9 @@ from nearlift.results.quotation import Results
 #: Least number of flights behind a set-point that is advised.
 ADVISED_FLIGHTS = 1000
 #: Bit of the key that gives other flights other gusts.
-OTHERS = 1 << 40
+OTHER_GUSTS_BIT = 1 << 40
 #: Tolerance, in rotor radii, on the agreement of the set-points of both extrapolations.
-ALIKE = 0.05
+SAME_LEVEL_Z_HAT = 0.05
 #: Lowest and highest default set-point above the height of contact, in rotor radii.
 ABOVE_CONTACT: dict[Boundary, tuple[float, float]] = {"ground": (0.1, 2.0), "ceiling": (0.5, 2.8)}
 #: Curves of the sweep: no boundary, the best estimate by its own form, and the best estimate held
@@ -179,7 +179,7 @@ def fitted_flights(
     for risk in chosen.risks:
         level = _level(flown, draws, risk, rng)
         if np.isfinite(level.value):
-            others = replace(many, key=many.key ^ OTHERS)
+            others = replace(many, key=many.key ^ OTHER_GUSTS_BIT)
             crashes = int((others.ended(curves, level.value, FORM, droop) >= 0).sum())
             low, high = crash_rate.binomial90(np.array(crashes), many.flights)
             level = replace(
@@ -243,7 +243,7 @@ def _level(flown: Sweep, draws: Sweep, risk: float, rng: np.random.Generator) ->
 
     shifts = as_flown(draws.crashed) - as_flown(flown.crashed[FORM])
     lo90, hi90 = crash_rate.spread90((best + shifts[:, None]).ravel())
-    agrees = lo90 - ALIKE <= held[0] <= hi90 + ALIKE
+    agrees = lo90 - SAME_LEVEL_Z_HAT <= held[0] <= hi90 + SAME_LEVEL_Z_HAT
     if agrees:
         lo90, hi90 = min(lo90, float(held[0])), max(hi90, float(held[0]))
     return FittedLevel(

@@ -33,15 +33,15 @@ from nearlift.results.quotation import Results
 #: Row of a product, or an object of a JSON file.
 Row = dict[str, object]
 #: Draws of each model.
-DRAWS = 100
+MODEL_DRAWS = 100
 #: Number of heights of the grid, geometrically spaced, and the lowest z_hat.
-GRID, LOWEST = 1200, 1e-3
+N_HEIGHTS, LOWEST_Z_HAT = 1200, 1e-3
 #: Largest change of L / L_inf between nodes that counts as rounding.
-FLAT = 1e-9
+NO_CHANGE = 1e-9
 #: Prior probability that there is no boundary within the range.
 PRIOR_BEYOND = 0.5
 #: Distance of a refused reading from all that it could mean, in its standard uncertainties.
-TOO_FAR = 10.0
+MAX_DISTANCE_U = 10.0
 #: Probabilities below this are stated as a bound: the likelihood's far tails are not known.
 MIN_BEYOND = 1e-4
 #: Exponent of lift over supply voltage where the loop found none: a motor at fixed duty.
@@ -53,8 +53,8 @@ HOUR_S = 3600.0
 
 
 def grid(low: float, high: float) -> FloatArray:
-    """Geometrically spaced heights from `low` to `high`: shape (GRID,)."""
-    return np.geomspace(max(low, LOWEST), high, GRID)
+    """Geometrically spaced heights from `low` to `high`: shape (N_HEIGHTS,)."""
+    return np.geomspace(max(low, LOWEST_Z_HAT), high, N_HEIGHTS)
 
 
 def refuse_folds(z_hat: FloatArray, ratios: FloatArray, where: str) -> None:
@@ -73,7 +73,7 @@ def refuse_folds(z_hat: FloatArray, ratios: FloatArray, where: str) -> None:
         what = f"the model has no value at z_hat = {bad:.3g}"
         raise InputRefused(where, what, f"ask above {bad:.3g}")
     change = np.diff(ratios)
-    change[np.abs(change) <= FLAT] = 0.0
+    change[np.abs(change) <= NO_CHANGE] = 0.0
     if not change[0].any():
         what = "the model does not change with distance"
         raise InputRefused(where, what, "lift does not depend on this boundary")
@@ -138,7 +138,7 @@ def locate(
         what = f"has the uncertainty {u:g}"
         raise InputRefused(where, what, "give a positive standard uncertainty")
     outside = max(low - measured, measured - high) / u
-    if min(outside, abs(measured - 1.0) / u) > TOO_FAR:
+    if min(outside, abs(measured - 1.0) / u) > MAX_DISTANCE_U:
         raise InputRefused(
             where,
             f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between"
@@ -205,7 +205,7 @@ class BoundarySensor:
     def __init__(self, quoted: QuotedLifts, boundary: Boundary) -> None:
         self.quoted, self.boundary = quoted, boundary
         self.chosen = quoted.campaign.detect or Detect()
-        self.lift = quoted.lift(boundary, DRAWS)
+        self.lift = quoted.lift(boundary, MODEL_DRAWS)
         self.z_hat = grid(*self.lift.measured_z_hat)
         # the best estimate, then every draw
         self.ratios = np.stack([ratio(self.z_hat) for ratio in self.lift.ratios])

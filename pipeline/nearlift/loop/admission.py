@@ -26,14 +26,14 @@ LEAST_CELLS, LEAST_FREEDOM = 15, 8
 MOST_SESSIONS = 400
 
 
-def few(data: Observations, base: LiftModel) -> bool:
+def is_small_table(data: Observations, base: LiftModel) -> bool:
     """Whether trials are so few that their own scatter does not distinguish noise from
     structure.
     """
     return data.n < LEAST_TRIALS + data.unknown_levels + len(base.parameters)
 
 
-def admit(where: str, data: Observations, base: LiftModel) -> None:
+def require_enough_trials(where: str, data: Observations, base: LiftModel) -> None:
     """Refuse usable trials that cannot be diagnosed; `where` names the step in the message.
 
     Raises
@@ -41,7 +41,7 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     NotConverged
         Too few trials, or few without a standard deviation of each.
     """
-    if not few(data, base):
+    if not is_small_table(data, base):
         return
     unknowns = data.unknown_levels + len(base.parameters)
     if data.ordered:
@@ -86,7 +86,7 @@ def problem_of_trials(
     Effects within a trial leave no mark on trial means and are not part of the problem.
     """
     data = derive(data, lift_inf_N, lift_ratio(base, data, base.named(theta)))
-    known, untestable = could_act(data, base, effects)
+    known, untestable = effects_to_test(data, base, effects)
     problem = SearchProblem(
         data=data,
         base=base,
@@ -100,7 +100,7 @@ def problem_of_trials(
     return problem, known, untestable
 
 
-def could_act(
+def effects_to_test(
     data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None
 ) -> tuple[tuple[Effect, ...], tuple[UntestableEffect, ...]]:
     """Testable effects, and untestable ones with what to log next time, of those that can occur at

@@ -29,7 +29,7 @@ from nearlift.loop import (
     stability,
     within_trial,
 )
-from nearlift.loop.admission import admit, few, problem_of_trials
+from nearlift.loop.admission import is_small_table, problem_of_trials, require_enough_trials
 from nearlift.loop.candidate import stated_datum
 from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.families import exceed_levels
@@ -185,7 +185,7 @@ def _described(
         limits=lacking,
         within_trial=within_trial.heating(data, library, look.level(rate) if look else rate),
         not_testable=untestable,
-        sensitivity=sensitivity(problem, seen) if few(data, problem.base) else None,
+        sensitivity=sensitivity(problem, seen) if is_small_table(data, problem.base) else None,
         silent=limits.silent(problem, library, SILENT),
         next_experiment=(
             *separation.next_experiment(answer),
@@ -215,7 +215,7 @@ def decide(
     rate of a claim. At an interim analysis it is below that of the options, and an adequate model
     is not tested for contradictions.
     """
-    few = few_visits.applies(problem.data)
+    few = few_visits.visits_are_few(problem.data)
     answer = few_visits.run(problem) if few else search_to_convergence(problem, shortlist)
     # folds of few visits start from the original problem, which is not yet `independent`
     ground = problem if few else answer.problem
@@ -327,7 +327,7 @@ def set_up(
             "all trials belong to one visit",
             "measure at least two visits, so that one can be left out",
         )
-    admit(where, kept, base)
+    require_enough_trials(where, kept, base)
     first = fit(base, kept, parts, USUAL, offset_m=0.0)
     lift_inf_N = kept.lift_inf_N(first.level_coefficients)
     problem, known, untestable = problem_of_trials(
@@ -337,7 +337,7 @@ def set_up(
     absorbed = {e.name for e, c in problem.library if not exceed_levels(c, kept)}
     between = tuple(e for e in problem.effects if e.name not in absorbed)
     datum = stated_datum(parts, base, kept)
-    if datum and (first_order or few_visits.applies(kept)):
+    if datum and (first_order or few_visits.visits_are_few(kept)):
         # few visits are fitted as if they shared no error: it competes as an effect
         stated, datum = dataclasses.replace(datum, name="height_offset"), None
         between = tuple(stated if e.name == stated.name else e for e in between)
@@ -345,7 +345,7 @@ def set_up(
         known, between = (
             tuple(e for e in among if e.name != "height_offset") for among in (known, between)
         )
-    if few(kept, base):
+    if is_small_table(kept, base):
         options = dataclasses.replace(options, pairs=False)
     problem = dataclasses.replace(problem, effects=between, datum=datum, options=options)
     return prepare(problem), known, untestable

@@ -10,7 +10,7 @@ from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import lift_ratio, usable
-from nearlift.loop.admission import admit, problem_of_trials
+from nearlift.loop.admission import problem_of_trials, require_enough_trials
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.power import DesignPower
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -54,10 +54,10 @@ def planned(
     Raises
     ------
     NotConverged
-        See `admission.admit`.
+        See `admission.require_enough_trials`.
     """
     kept = data.take(usable(base, data))
-    admit(f"design of the {data.boundary}", kept, base)
+    require_enough_trials(f"design of the {data.boundary}", kept, base)
     lift_inf_N = kept.level_medians(kept.lift_N)[kept.level]
     problem, known, untestable = problem_of_trials(
         kept, base, parts, noise, options, theta, lift_inf_N, effects

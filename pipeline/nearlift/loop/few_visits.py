@@ -36,7 +36,7 @@ CHANCE = 0.05
 MOST_EFFECTS = 2
 
 
-def applies(data: Observations) -> bool:
+def visits_are_few(data: Observations) -> bool:
     """Whether visits are few enough to be left out in turn; not where the run order is unknown."""
     return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 

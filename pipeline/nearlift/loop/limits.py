@@ -12,7 +12,7 @@ from nearlift.fit.information import joint_information
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted, covariance_of
 from nearlift.loop.families import indicators
-from nearlift.loop.few_visits import applies
+from nearlift.loop.few_visits import visits_are_few
 from nearlift.loop.power import size_parameters
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import CoefficientLimit
@@ -41,7 +41,7 @@ def unidentifiable_coefficients(
         e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive
     )
     # a visit always holds one distance: a gain per visit is tried only where visits are few
-    levelled = {"session": data.session} | ({"visit": data.visit} if applies(data) else {})
+    levelled = {"session": data.session} | ({"visit": data.visit} if visits_are_few(data) else {})
     for name, column in zip((p.name for p in problem.base.parameters), jacobian.T, strict=False):
         slope = column - others @ (others.T @ column)
         if not slope @ slope > 0:

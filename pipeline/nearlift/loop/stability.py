@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.likelihood import student
 from nearlift.loop import structure, weigh
-from nearlift.loop.admission import few
+from nearlift.loop.admission import is_small_table
 from nearlift.loop.candidate_fit import Fitted, optima
 from nearlift.loop.evidence import CREDIT, Explanation, LinearFit
 from nearlift.loop.search import Answer
@@ -161,7 +161,7 @@ def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     without which a test would turn.
     """
     data = answer.problem.data
-    if few(data, answer.problem.base):
+    if is_small_table(data, answer.problem.base):
         return _shifts(data, data.trial, np.unique(data.trial))
     return (*influential_trials(answer, quoted, data.trial), *trials_flipping_a_test(answer))
 
@@ -172,7 +172,7 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     These decide the name, or move the headline by more than its standard uncertainty.
     """
     data = answer.problem.data
-    if few(data, answer.problem.base):
+    if is_small_table(data, answer.problem.base):
         return _shifts(data, data.visit, np.unique(data.visit))
     influential = influential_trials(answer, quoted, data.visit)
     most = quoted.most_influential

@@ -12,7 +12,7 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.loop import coefficients
-from nearlift.loop.few_visits import applies
+from nearlift.loop.few_visits import visits_are_few
 from nearlift.loop.power import LIMIT_POWER, DesignPower, SizeParameter, size_parameters
 from nearlift.loop.search_problem import SILENT
 from nearlift.loop.within_trial import power as heating_power
@@ -89,7 +89,7 @@ def _at(forecast: Forecast, effect: Effect) -> EffectAtBoundary:
         "base_model": problem.base.name,
         "trials": problem.data.n,
         "false_alarm_rate": rate,
-        "few_visits": applies(problem.data),
+        "few_visits": visits_are_few(problem.data),
         "noise": problem.noise,
     }
     if effect.within_trial:
