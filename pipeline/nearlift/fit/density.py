@@ -156,17 +156,13 @@ class Density:
             value = self(at(x).reshape(-1, len(start)))
             return np.where(np.isfinite(value), -value, NO_VALUE).reshape(*x.shape[:-1], 1)
 
-        def slopes(x: FloatArray) -> Any:
+        def slopes(x: FloatArray) -> FloatArray:
             change, apart = derivative.central(cost, x, 1.0, first, last)
-            return change[:, 0] / apart
+            return np.asarray(change[:, 0] / apart, dtype=np.float64)
 
-        end = minimize(
-            lambda x: float(cost(x)[0]),
-            np.zeros(len(start)),
-            method="L-BFGS-B",
-            jac=slopes,
-            bounds=list(zip(first, last, strict=True)),
-        ).x
+        search: Any = minimize
+        ends = list(zip(first, last, strict=True))
+        end = search(lambda x: cost(x)[0], 0 * start, method="L-BFGS-B", jac=slopes, bounds=ends).x
         near = np.round(16 * end) / 16
         return at(near if cost(near)[0] < NO_VALUE else end)
 
