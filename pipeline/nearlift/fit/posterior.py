@@ -103,7 +103,8 @@ class Posterior:
         """Rows of a table of draws for one quantity; `values` are (chains, draws)."""
         chain, draw = np.indices(values.shape)
         labels = {"boundary": boundary, "model": model, "parameter": name}
-        return {k: np.full(values.size, label, dtype=object) for k, label in labels.items()} | {
+        # one text for all rows: `np.full` makes one each
+        return {k: np.array([x], dtype=object).repeat(values.size) for k, x in labels.items()} | {
             "chain": chain.ravel(),
             "draw": draw.ravel(),
             "value": values.ravel(),

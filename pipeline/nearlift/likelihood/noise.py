@@ -137,14 +137,15 @@ def estimate(
     left = log_lift - mean @ (mean.T @ log_lift)
     rms = float(np.sqrt(np.mean(left**2)))
     generous = max(STRUCTURE, rms)
-    unknown = [np.zeros((data.n, 0)) if shared is None else shared]
-    unknown += [
+    scaled = (
         s * (generous * np.sqrt(data.n) / norm)
         for s in structure
         if (norm := float(np.linalg.norm(s))) > 0
-    ]
-    columns = np.hstack([mean, _condensed(np.hstack(unknown))])
-    model = VarianceComponents(data, slope, columns, mean.shape[1], extra)
+    )
+    stated = np.zeros((data.n, 0)) if shared is None else shared
+    lacking = _condensed(np.hstack([stated, *scaled]))
+    model = VarianceComponents(data, slope, np.hstack([mean, lacking]), mean.shape[1], extra)
+    del lacking
     typical_N = float(np.median(data.lift_N))
     unit = np.array([typical_N if name == "force_N" else 1.0 for name in model.priors])
     if start is None or not start.modes or start.sizes != tuple(model.priors):

@@ -160,8 +160,8 @@ class VarianceComponents:
         amplitude = np.ascontiguousarray(self.amplitude * np.sqrt(size2[2:]))
         d, w = semiseparable.factor(variance, amplitude, self.memory)
         parts = (d, w, amplitude, self.memory)
-        both = semiseparable.forward(*parts, np.column_stack([self.unknown, y]))
-        white, y_white = np.ascontiguousarray(both[:, :-1]), both[:, -1]
+        white = semiseparable.forward(*parts, self.unknown)
+        y_white = semiseparable.forward(*parts, y[:, None])[:, 0]
         information = white.T @ white
         information += np.diag(np.arange(len(information)) >= self.free)
         try:
@@ -173,7 +173,8 @@ class VarianceComponents:
                 f" {variance.max() / variance.min():.0e} and more: some trials count for nothing",
                 "look for lifts in another unit, near zero, or with a wrong standard error",
             ) from fault
-        u = solve_triangular(triangle, white.T, lower=True, check_finite=False)
+        # in the place of `white`: arrays of n x (q + k) set the peak of a fit's memory
+        u = solve_triangular(triangle, white.T, lower=True, overwrite_b=True, check_finite=False)
         explained = u @ y_white
         value = float(
             np.log(d).sum()
@@ -182,12 +183,11 @@ class VarianceComponents:
             - explained @ explained
             + np.sum((nu + 1) * np.log1p(size2 / self.prior_scale2) - 2 * x)
         )
-        both = np.ascontiguousarray(np.column_stack([u.T, y_white - explained @ u]))
-        back = semiseparable.backward(*parts, both)
-        taken, weighed = np.ascontiguousarray(back[:, :-1]), np.ascontiguousarray(back[:, -1])
+        weighed = semiseparable.backward(*parts, (y_white - explained @ u)[:, None])[:, 0]
         precision, log_det_slopes = semiseparable.log_det_slopes(*parts)
-        left = precision - np.sum(taken**2, axis=1)
+        taken = semiseparable.backward(*parts, u.T)
         squares = semiseparable.squares(self.amplitude, self.memory, taken)
+        left = precision - np.einsum("ij,ij->i", taken, taken)
         trace = np.r_[left @ self.diagonals[:, :2], log_det_slopes / (2 * size2[2:]) - squares]
         acted = self.diagonals * weighed[:, None]
         for i in range(len(size2) - 2):

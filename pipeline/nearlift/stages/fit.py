@@ -70,6 +70,9 @@ def run(job: Job) -> Outcome:
         for trial, codes in zip(trials["trial"], trials["quality"], strict=True)
         if "outlying" in codes.split()
     ]
+    observed = {b: observe(trials, job.campaign, b) for b in present}
+    # before the fits need memory
+    del trials
     choices = {b: choice(job.campaign, b) for b in present}
     models = {b: (base, *rivals) for b, (base, rivals) in choices.items()}
     count, begun, fits = sum(map(len, models.values())), 0, Fits()
@@ -77,7 +80,7 @@ def run(job: Job) -> Outcome:
         steps = {m.name: subprogress(job.say, begun + i, count) for i, m in enumerate(chosen)}
         fit_boundary(
             fits,
-            observe(trials, job.campaign, boundary),
+            observed[boundary],
             chosen,
             job.campaign,
             job.seed,
