@@ -187,7 +187,7 @@ class VarianceComponents:
         precision, log_det_slopes = semiseparable.log_det_slopes(*parts)
         taken = semiseparable.backward(*parts, u.T)
         squares = semiseparable.squares(self.amplitude, self.memory, taken)
-        left = precision - np.einsum("ij,ij->i", taken, taken)
+        left = precision - np.sum(np.square(taken, out=taken), axis=1)
         trace = np.r_[left @ self.diagonals[:, :2], log_det_slopes / (2 * size2[2:]) - squares]
         acted = self.diagonals * weighed[:, None]
         for i in range(len(size2) - 2):
