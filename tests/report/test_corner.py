@@ -1,5 +1,6 @@
 """Corner plot and bands, from draws made up here."""
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -10,6 +11,7 @@ from nearlift.report import curves
 from nearlift.report.figures import corner
 from nearlift.report.figures.files import render
 from nearlift.rounding import plain
+from nearlift.stages.diagnose import QUOTED_POSTERIOR
 from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
 from nearlift.stages.gathering import gather
 
@@ -50,6 +52,36 @@ def test_the_table_holds_the_draws_of_the_parameters(small):
     assert set(table["name"]) == {"a", "lambda_"}
     r = plain(np.corrcoef(a, lambda_)[0, 1], 2)
     assert f"strongest correlation {r}, of a and λ" in corner.caption(evidence, table)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "answers", "drawn", "panel"),
+    [
+        ("effect", 1, True, "ground"),
+        ("effect", 3, True, "ground: best of 3 explanations"),
+        ("effect", 1, False, "ground: base model alone"),
+        ("not_diagnosed", 1, False, "ground"),
+    ],
+)
+def test_draws_that_are_not_all_that_is_quoted_say_so(small, verdict, answers, drawn, panel):
+    """Of few visits an effect is quoted without draws; draws suppose one of several answers."""
+    evidence = with_draws(small, "ground", "sanchez_cuevas", K_b=spread())
+    if drawn:
+        table = evidence.tables[POSTERIOR.file]
+        tables = {**evidence.tables, QUOTED_POSTERIOR.file: table}
+        evidence = dataclasses.replace(evidence, tables=tables)
+    results = copy.deepcopy(evidence.document(RESULTS))
+    ground = results["boundaries"]["ground"]
+    ground["verdict"] = verdict
+    for coefficient in ground["coefficients"].values():
+        coefficient["answers"] = answers
+    documents = {**evidence.documents, RESULTS.file: results}
+    evidence = dataclasses.replace(evidence, documents=documents)
+    made = corner.table(evidence)
+    assert set(made["panel"]) == {panel}
+    alone = panel.partition(": ")[2]
+    said = f"({alone}; results.json has the quoted interval)" in corner.caption(evidence, made)
+    assert said == bool(alone)
 
 
 @pytest.mark.parametrize("value", [0.0, 2.0])

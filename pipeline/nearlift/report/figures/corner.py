@@ -1,4 +1,4 @@
-"""Corner plots: the quoted coefficients, or before a diagnosis the base model's parameters."""
+"""Corner plots: the quoted coefficients, or the base model's where those have no draws."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, TEXT_PT
 from nearlift.rounding import plain
-from nearlift.stages.diagnose import QUOTED_POSTERIOR
+from nearlift.stages.diagnose import NOT_DIAGNOSED, QUOTED_POSTERIOR
 from nearlift.stages.fit import FIT, POSTERIOR
 
 COLUMNS = ("panel", "name", "draw", "value")
@@ -29,13 +29,17 @@ MAX_PANEL_IN = 2.5
 SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
+def quoted_rows(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
+    """Rows of quoted_posterior.parquet of a boundary; none before a diagnosis, or of few visits."""
+    has = evidence.has(QUOTED_POSTERIOR)
+    return evidence.frame(QUOTED_POSTERIOR, boundary=boundary) if has else pd.DataFrame()
+
+
 def draws(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
     """Draws of the quoted coefficients, a column each; where there are none, of the parameters of
     the base model.
     """
-    long = pd.DataFrame()
-    if evidence.has(QUOTED_POSTERIOR):
-        long = evidence.frame(QUOTED_POSTERIOR, boundary=boundary)
+    long = quoted_rows(evidence, boundary)
     if long.empty:
         model, _ = evidence.base(boundary)
         long = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)
@@ -44,26 +48,38 @@ def draws(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
     return pd.DataFrame({str(name): x.to_numpy() for name, x in each})
 
 
+def explanation(evidence: Evidence, boundary: Boundary) -> str:
+    """Phrase on the explanation that the draws suppose; empty where it is all that is quoted."""
+    quoted = evidence.quoted(boundary)
+    if quoted.verdict != NOT_DIAGNOSED and quoted_rows(evidence, boundary).empty:
+        return "base model alone"
+    answers = max((c.answers for c in quoted.coefficients.values()), default=1)
+    return f"best of {answers} explanations" if answers > 1 else ""
+
+
 def table(evidence: Evidence) -> pd.DataFrame:
-    """A row for each draw of each parameter: `panel` (boundary), `name`, `draw`, `value`."""
+    """A row for each draw of each parameter: `panel` (boundary, and explanation where it is not all
+    that is quoted), `name`, `draw`, `value`.
+    """
     parts = []
     for boundary in evidence.boundaries:
         wide = draws(evidence, boundary)
+        panel = ": ".join(filter(None, (boundary, explanation(evidence, boundary))))
         kept = np.unique(np.linspace(0, len(wide) - 1, min(len(wide), MOST_DRAWS)).astype(int))
         for name, x in wide.items():
-            parts.append({"panel": boundary, "name": name, "draw": kept, "value": x.iloc[kept]})
+            parts.append({"panel": panel, "name": name, "draw": kept, "value": x.iloc[kept]})
     return frame(parts, COLUMNS)
 
 
 def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, numbers included."""
-    parts = [
-        "Posterior of the quoted coefficients: histograms of the draws; contours hold 50, 90, 99 %."
-    ]
+    parts = ["Posterior: histograms of the draws; contours hold 50, 90, 99 %."]
     for boundary in evidence.boundaries:
         wide, (model, fit) = draws(evidence, boundary), evidence.base(boundary)
         sampler = SAMPLERS[fit.posterior.sampler if fit.posterior else "none"]
+        which = explanation(evidence, boundary)
         text = f"{boundary.capitalize()}: {model.title}, {len(wide)} draws by {sampler}"
+        text += f" ({which}; results.json has the quoted interval)" if which else ""
         # nan where a parameter has no spread
         r = np.nan_to_num(np.tril(wide.corr().to_numpy(), -1))
         if r.any():
@@ -123,6 +139,6 @@ def draw(table: pd.DataFrame) -> Figure:
 
 
 FIGURE = FigureSpec(
-    "corner", "Posterior of the quoted coefficients", (FIT, POSTERIOR), table, caption, draw,
+    "corner", "Posterior", (FIT, POSTERIOR), table, caption, draw,
     "value", ("panel", "name"),
 )  # fmt: skip
