@@ -24,6 +24,9 @@ from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
 
+#: Numbers that are whitened at once: each step of it makes a copy.
+BLOCK = 1_000_000
+
 
 def where_finite(linear: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
     """`linear` of `x` row by row, (..., n) to (..., m); nan throughout where a row holds inf or
@@ -122,9 +125,15 @@ class Likelihood:
 
         def projected(x: FloatArray) -> FloatArray:
             white = self.covariance.whiten(x)
-            return white - (white @ q) @ q.T
+            white -= (white @ q) @ q.T
+            return white
 
-        return where_finite(projected, x)
+        if x.ndim != 2 or x.size <= BLOCK:
+            return where_finite(projected, x)
+        result, rows = np.empty(x.shape), max(BLOCK // self.data.n, 1)
+        for i in range(0, len(x), rows):
+            result[i : i + rows] = where_finite(projected, x[i : i + rows])
+        return result
 
     def unproject(self, x: FloatArray) -> FloatArray:
         """Apply the transpose of `project` along the last axis."""

@@ -31,11 +31,11 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     if not kept.any():
         return np.zeros((len(columns), 0))
     # one copy, laid out so that the factorisation works in its place
-    x = np.array(columns[:, kept], order="F", copy=None)
-    np.divide(x, [float(np.sqrt(np.sum(column**2))) for column in x.T], out=x)
+    columns = np.array(columns[:, kept], order="F", copy=None)
+    np.divide(columns, [float(np.sqrt(np.sum(x**2))) for x in columns.T], out=columns)
     # scipy's `qr` spends as long on checks as on a few columns
-    room = 64 * (x.shape[1] + 3)
-    factored, _, scales, _, _ = dgeqp3(x, lwork=room, overwrite_a=True)
+    room = 64 * (columns.shape[1] + 3)
+    factored, _, scales, _, _ = dgeqp3(columns, lwork=room, overwrite_a=True)
     diagonal = np.abs(np.diag(factored))
     rank = int((diagonal > SPANNED * diagonal[0]).sum())
     q, _, _ = dorgqr(factored[:, : len(scales)], scales, lwork=room, overwrite_a=True)
@@ -61,7 +61,6 @@ def framed(basis: FloatArray) -> FloatArray:
     Which of the many a factorisation gives is rounding's choice where columns tie; what is drawn in
     their coordinates must not depend on that.
     """
-    toward = np.random.default_rng(0).standard_normal(basis.shape)
-    q, r = np.linalg.qr(basis.T @ toward)
+    q, r = np.linalg.qr(basis.T @ np.random.default_rng(0).standard_normal(basis.shape))
     result: FloatArray = basis @ (q * np.where(np.diag(r) < 0, -1.0, 1.0))
     return result
