@@ -322,7 +322,7 @@ class Fit(StudyAnswer):
         try:
             import arviz
         except ImportError:
-            remedy = "pip install arviz"
+            remedy = "pip install 'nearlift[arviz]'"
             raise UsageError("to_arviz", "needs the package arviz", remedy) from None
         draws = self.draws(boundary, model)
         # chains may differ in length by a draw

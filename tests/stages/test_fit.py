@@ -131,6 +131,7 @@ def test_posterior_nc_opens_in_arviz(command, products):
     assert list(np.asarray(group["throttle"])) == [0.25, 0.5, 0.75, 0.92]
     assert group.attrs["data_sha256"] == tables.sha256(products / TRIALS.file)
     assert float(arviz.ess(np.asarray(root["K_b"]))) > 3800
+    assert float(arviz.rhat(np.asarray(root["K_b"]))) < 1.02
 
 
 def test_export_asks_for_a_format_and_its_package_and_all_are_on_the_command_line(

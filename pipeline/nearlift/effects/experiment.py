@@ -191,7 +191,7 @@ PROPELLER_STEP = Effect(
         doubts=(
             "Sizes are estimates.",
             ("All but the first propellers are taken to be alike; several differ, and"
-             " session_gain with a session for each says by how much."),
+             " session_gain with a session for each estimates by how much."),
         ),
     ),
     checks=(

@@ -67,7 +67,7 @@ NEAR_WALL_SATURATION = Effect(
             "square of the gap, in rotor radii, below which the gain saturates; larger loses"
             " more of the gain, 0 loses none"),
         Parameter("saturation_power", "1", 0.68, (0.3, 1.5), uniform(0.3, 1.2),
-            "how the gain is held back well inside the gap: 1 for a gain that goes as z_hat^-2,"
+            "how the gain is held back well inside the gap: 1 for a gain that scales as z_hat^-2,"
             " 1/2 for z_hat^-1",
             grid=(0.5, 0.68, 1.0)),
     ),

@@ -28,8 +28,8 @@ from nearlift.results.fit import FitResults, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult
 
 Progress = Callable[[str, float], None]
-#: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
-#: errors are not there: fewer than one false note in a million boundaries.
+#: Probability of a smaller chi² below which the declared errors are noted as too large. Ours: one
+#: false note in a million boundaries.
 OVERSTATED_CHI2_LEVEL = 1e-6
 
 

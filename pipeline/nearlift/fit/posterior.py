@@ -219,7 +219,7 @@ def run_chain(
             tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
             short = max(ess / reached.min(), TAIL_ESS_SHARE * ess / max(float(tail.min()), 1.0))
             if short <= 1:
-                # two draws for each effective one that is asked for, more would tell little more;
+                # two draws for each effective one that is asked for, more would add little;
                 # arviz takes fewer of a walker than there are walkers for a mistake
                 thin = max(len(late) // max(2 * ess // count, count), 1)
                 kept = late[::thin].transpose(1, 0, 2)
