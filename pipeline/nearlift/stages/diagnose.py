@@ -115,7 +115,7 @@ def run(job: Job) -> Outcome:
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"
             blocks[boundary] = NotDiagnosed(reason=reason, base_model=base.name)
-            result = fit(base, data, parts)
+            result = fit(base, data, parts, quoted=True)
             quoted[boundary] = base_result(result, base_fit, reason, wanted=fault.remedy)
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
