@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from nearlift.declare import BOUNDARIES, Boundary, Effect, LiftModel
 from nearlift.effects import EFFECTS
-from nearlift.errors import UsageError
+from nearlift.errors import DeclarationError, UsageError
 from nearlift.models import MODELS
 from nearlift.plugins import Named, gather
 
@@ -26,7 +26,13 @@ NAME = re.compile(r"(?<![\w/#.])[A-Za-z]\w*")
 
 
 def models(boundary: Boundary | None = None) -> tuple[LiftModel, ...]:
-    """Every lift model, or those of one boundary; built-in ones first."""
+    """Every lift model, or those of one boundary; built-in ones first.
+
+    Raises
+    ------
+    DeclarationError
+        A package breaks, or a parameter has the name of an effect's.
+    """
     return tuple(m for m in _models() if boundary in (None, m.boundary))
 
 
@@ -112,4 +118,20 @@ def find(name: str, among: Iterable[T], kind: str) -> T:
 
 @functools.cache
 def _models() -> tuple[LiftModel, ...]:
-    return gather("nearlift.models", LiftModel, MODELS)
+    known = gather("nearlift.models", LiftModel, MODELS)
+    owner: dict[str, str] = {}
+    for effect in effects():
+        for name in {p.name for form in effect.forms for p in form.parameters}:
+            _refuse_shared(f"effect {effect.name}", name, owner)
+            owner[name] = effect.name
+    for each in known:
+        for parameter in each.parameters:
+            _refuse_shared(f"model {each.name}", parameter.name, owner)
+    return known
+
+
+def _refuse_shared(where: str, parameter: str, owner: Mapping[str, str]) -> None:
+    """Refuse a parameter's name that an effect has: the search could not add that effect."""
+    if parameter in owner:
+        what = f"its parameter {parameter!r} has the name of one of effect {owner[parameter]}"
+        raise DeclarationError(where, what, "rename it")

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import csv
 import difflib
+import html
 import re
+import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,8 +87,8 @@ def _symbols() -> tuple[Symbol, ...]:
 #: All symbols: ``symbols.csv``.
 SYMBOLS = _symbols()
 _BY_NAME = {s.name: s for s in SYMBOLS}
-#: Greek letters of coefficients, in LaTeX and plain text.
-GREEK = {r"\alpha": "α", r"\gamma": "γ", r"\lambda": "λ"}
+#: A letter under a hat, and a Greek one, in LaTeX.
+HAT, GREEK = re.compile(r"\\hat\{(\w)\}"), re.compile(r"\\([a-z]+)")
 
 
 def latex(name: str) -> str:
@@ -95,11 +97,12 @@ def latex(name: str) -> str:
 
 
 def letter(coefficient: str) -> str:
-    """A coefficient's name in plain text, as captions have it: Greek where it is Greek."""
-    text = latex(coefficient)
-    for spelled, greek in GREEK.items():
-        text = text.replace(spelled, greek)
-    if "\\" in text:
+    """A coefficient's symbol in plain text, as captions have it, such as ``α``, ``ĉ`` or ``K_b``;
+    its name where that has none.
+    """
+    text = HAT.sub("\\1\N{COMBINING CIRCUMFLEX ACCENT}", latex(coefficient))
+    text = GREEK.sub(lambda m: html.unescape(f"&{m[1]};"), unicodedata.normalize("NFC", text))
+    if not set(text).isdisjoint("\\{&"):
         text = coefficient
     head = text.partition("_")[0]
     return text if len(head) == 1 or "/" in head else text.replace("_", " ").strip()

@@ -4,12 +4,16 @@ A package adds a model by an entry point in the group `nearlift.models` that nam
 value. An entry point in `nearlift.effects` names one `Effect`, one in `nearlift.readers` one
 `Reader`. Names are unique; nothing is overridden. A package that cannot be loaded, or offers
 something else, is refused by its name. It is not left out silently, since the results of a run
-depend on it.
+depend on it; a change of its code makes them stale.
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
+from collections import defaultdict
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from nearlift.errors import DeclarationError
@@ -27,6 +31,7 @@ class Named(Protocol):
 
 
 T = TypeVar("T", bound=Named)
+GROUPS = ("nearlift.models", "nearlift.effects", "nearlift.readers")
 
 
 def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
@@ -53,6 +58,34 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
             raise DeclarationError(f"package {package}", what, "rename one of the two")
         gathered[item.name], owner[item.name] = item, package
     return tuple(gathered.values())
+
+
+@functools.cache
+def digests() -> dict[str, str]:
+    """Digest of the code of each installed package that adds a declaration, by the package's name.
+
+    Nothing is imported.
+    """
+    from importlib.metadata import entry_points
+    from importlib.util import find_spec
+
+    known, installed = defaultdict[str, list[str]](list), entry_points()
+    for point in (p for group in GROUPS for p in installed.select(group=group)):
+        spec = find_spec(point.module.partition(".")[0])
+        if spec is not None:
+            roots = spec.submodule_search_locations or [spec.origin or ""]
+            name = point.dist.name if point.dist else point.value
+            known[name] += [digest_of_code(Path(root)) for root in roots]
+    return {name: " ".join(dict.fromkeys(digests)) for name, digests in known.items()}
+
+
+def digest_of_code(root: Path) -> str:
+    """SHA-256 of a module, or of every file of a package."""
+    digest = hashlib.sha256()
+    for file in [root] if root.is_file() else sorted(root.rglob("*")):
+        if file.is_file() and "__pycache__" not in file.parts:
+            digest.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
 
 
 def _loaded(point: EntryPoint, package: str, wanted: type[T]) -> T:

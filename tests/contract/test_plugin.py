@@ -2,6 +2,7 @@
 broken. `test_examples` installs real packages; here one is a module and what pip writes of it.
 """
 
+import importlib
 import os
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 from nearlift.declare import Effect, LiftModel
 from nearlift.errors import DeclarationError
 from nearlift.models import MODELS
-from nearlift.plugins import gather
+from nearlift.plugins import digests, gather
 
 MODEL = """
 import numpy as np
@@ -56,12 +57,13 @@ def test_a_model_is_offered_and_described_after_the_built_in_ones(tmp_path):
     code = """
 from nearlift import catalogue
 from nearlift.describe import describe
-print([m.name for m in catalogue.models("ground")][-1])
-print(catalogue.default_rivals("ground", 4, {})[-1])
+names = [m.name for m in catalogue.models("ground")]
+print(names.index("power_law") < names.index("bell"))
+print("bell" in catalogue.default_rivals("ground", 4, {}))
 print("gain at contact" in describe("bell"))
 """
     shown = python(tmp_path, "-c", code)
-    assert shown.stdout.split() == ["bell", "bell", "True"], shown.stderr
+    assert shown.stdout.split() == ["True"] * 3, shown.stderr
     install(tmp_path, "lift-lazy", "raise RuntimeError('loaded')")
     asked = "import nearlift.catalogue as c, nearlift.describe; print('imported'); c.models()"
     shown = python(tmp_path, "-c", asked)
@@ -75,7 +77,7 @@ print("gain at contact" in describe("bell"))
         ("lift-import", "import not_there", "MODEL", "breaks: ModuleNotFoundError: .*'not_there'"),
         ("lift-absent", MODEL.format(name="a", expected=1.5), "NONE", "breaks: AttributeError"),
         ("lift-number", MODEL.format(name="b", expected=1.5), "NOT_A_MODEL", "type int, not Lift"),
-        ("lift-wrong", MODEL.format(name="c", expected=1.7), "MODEL", "c: gives 1.5 at 0.0"),
+        ("lift-wrong", MODEL.format(name="c", expected=1.7), "MODEL", "c: gives 1.5 at x = 0.0"),
         (
             "lift-taken",
             MODEL.format(name="hayden", expected=1.5),
@@ -109,3 +111,41 @@ def test_effects_have_their_own_group(tmp_path, monkeypatch):
     words = "entry point 'lift_effect' in nearlift.effects is of type LiftModel, not Effect"
     with pytest.raises(DeclarationError, match=words):
         gather("nearlift.effects", Effect, ())
+
+
+def test_a_parameter_with_the_name_of_an_effects_is_refused(tmp_path):
+    """The search could not add the effect to the model, and would not identify it."""
+    body = (
+        MODEL.format(name="bell", expected=1.5).replace("*, k", "*, gain").replace("k *", "gain *")
+    )
+    install(tmp_path, "lift-bell", body.replace('name="k"', 'name="gain"'))
+    shown = python(tmp_path, "-c", "import nearlift.catalogue as c; c.models()")
+    assert "model bell: its parameter 'gain' has the name of one of effect session_gain" in (
+        shown.stderr
+    )
+
+
+def test_the_code_of_a_package_decides_whether_products_are_stale(tmp_path, monkeypatch):
+    """A module, and each file of a folder; neither is imported."""
+    install(tmp_path, "lift-bell", "raise RuntimeError('imported')")
+    install(tmp_path, "lift-folder", "")
+    (tmp_path / "lift_folder.py").unlink()
+    (tmp_path / "lift_folder").mkdir()
+    table = tmp_path / "lift_folder" / "table.csv"
+    for file in (table, table.with_name("__init__.py")):
+        file.write_text("1")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def now() -> dict[str, str]:
+        importlib.invalidate_caches()
+        digests.cache_clear()
+        return {name: digest for name, digest in digests().items() if name.startswith("lift-")}
+
+    before = now()
+    assert set(before) == {"lift-bell", "lift-folder"}
+    (tmp_path / "lift_bell.py").write_text("raise RuntimeError('imported again')")
+    assert {n for n, digest in now().items() if digest != before[n]} == {"lift-bell"}
+    table.write_text("2")
+    assert {n for n, digest in now().items() if digest != before[n]} == {*before}
+    monkeypatch.undo()
+    digests.cache_clear()

@@ -22,7 +22,7 @@ from nearlift.declare import (
 from nearlift.errors import DeclarationError
 from nearlift.models.images import CHEESEMAN_BENNETT, SANCHEZ_CUEVAS
 
-SOURCE = Source(citation="nobody")
+SOURCE = Source("nobody", doubts=("all of it",))
 GAIN = Parameter(
     name="gain", unit="1", value=0.0, bounds=(-1, 1), prior=normal(0, 0.1), meaning="relative gain"
 )
@@ -122,18 +122,19 @@ def test_keywords_are_the_keyword_only_names():
             {"needs": ("spacing_hat",)},
             (
                 r"evaluate takes \['k'\] but parameters and needs are \['k', 'spacing_hat'\]\n "
-                r" make its keyword-only names equal"
+                r" name its keyword-only arguments as its parameters"
             ),
         ),
         ({"parameters": ()}, r"evaluate takes \['k'\] but parameters and needs are \[\]"),
+        ({"source": Source("nobody")}, "its source has no doi and no doubts\n  give its doi"),
         ({"checks": ()}, "has no numeric check\n  give at least one number"),
         (
             {"checks": (Check(x=0.0, expected=1.6, quoted_by="a slip"),)},
-            r"gives 1\.5 at 0\.0 \{\}, not 1\.6 \(a slip\)",
+            r"gives 1\.5 at x = 0\.0, not 1\.6 \(a slip\)\n  correct the function",
         ),
         (
             {"checks": (Check(x=float("nan"), expected=1.0, quoted_by="a slip"),)},
-            "gives nan at nan",
+            "gives nan at x = nan",
         ),
         (
             {"boundary": "window"},

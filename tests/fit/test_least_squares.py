@@ -274,7 +274,7 @@ def steep(value: float) -> LiftModel:
                 meaning="place of the pole",
             ),
         ),
-        source=Source(citation="this test"),
+        source=Source("this test", doubts=("all of it",)),
         checks=(Check(x=2.0, expected=2.0, arguments={"k": 1.0}, quoted_by="by hand"),),
     )
 

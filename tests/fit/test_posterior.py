@@ -37,7 +37,7 @@ def line(prior=BELIEVED, bounds=(-10.0, 10.0)):
         parameters=(
             Parameter(name="a", unit="1", value=0.1, bounds=bounds, prior=prior, meaning="slope"),
         ),
-        source=Source(citation="none"),
+        source=Source("none", doubts=("all of it",)),
         checks=(Check(x=1.0, expected=np.exp(0.1)),),
         boundary="ground",
     )

@@ -182,7 +182,7 @@ def bounded(low: float, high: float) -> LiftModel:
                 meaning="gain",
             ),
         ),
-        source=Source(citation="this test"),
+        source=Source("this test", doubts=("all of it",)),
         checks=(Check(x=1.0, expected=1.1, quoted_by="by hand"),),
     )
 

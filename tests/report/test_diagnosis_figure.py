@@ -324,6 +324,12 @@ def test_coefficient_intervals_are_the_products_and_drawn_whole(table):
     assert {"$a$", r"$\lambda$"} <= {ax.get_xlabel() for ax in figure.axes}
 
 
+def test_a_coefficient_without_a_symbol_has_its_name(table):
+    """As those of a package's model have."""
+    named = table.replace({"label": {"K_b": "my_gain"}})
+    assert "my_gain" in {ax.get_xlabel() for ax in drawn(named).axes}
+
+
 def test_after_two_effects_the_covariate_of_the_other_is_shown_too(ground):
     drift = {"name": "gain_drift", "rivals": [], "parameters": {}}
     evidence, table = edited(ground, lambda own: own["effects"].append(drift))

@@ -106,6 +106,9 @@ SIZES = {
         "drift 4.98 % of lift, first to last trial (90 %: 4.68 to 5.28)"
     ),
     ("height_offset", "offset_m", 0.0005, 0.0001, "m"): "offset 0.50 mm (90 %: 0.40 to 0.60)",
+    ("zero_temperature", "zero_N_per_K", 0.0015, 0.0003, "N/K"): (
+        "zero 1.50 mN/K (90 %: 1.20 to 1.80)"
+    ),
     ("near_wall_saturation", "gap_hat2", 0.125, 0.055, "square rotor radii"): (
         "the gain of lift saturates below ẑ = 0.35, 8.1 mm (90 %: 6.1 to 9.8)"
     ),

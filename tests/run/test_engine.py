@@ -136,6 +136,9 @@ def test_another_seed_another_code_another_version_make_all_stale(place, monkeyp
     with monkeypatch.context() as patch:
         patch.setattr(engine, "code_digest", lambda: "another")
         assert stale(place) == dict.fromkeys(EVERY, "nearlift itself has changed")
+    with monkeypatch.context() as patch:
+        patch.setattr(engine.plugins, "digests", lambda: {"my-model": "another"})
+        assert stale(place) == dict.fromkeys(EVERY, "package my-model has changed")
     versions = {**engine.versions(), "numpy": "1.0"}
     monkeypatch.setattr(engine, "versions", lambda: versions)
     assert stale(place) == dict.fromkeys(EVERY, "version of numpy has changed")

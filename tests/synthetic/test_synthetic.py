@@ -33,7 +33,7 @@ def gain(z_hat: Any, /, *, k: Any) -> Any:
 MODEL = LiftModel(
     "test_gain", "a gain", "1 + k / z^2", gain, boundary="ground",
     parameters=(Parameter("k", "1", 0.1, (0.0, 1.0), uniform(0.0, 1.0), "gain at one radius"),),
-    source=Source("this test"),
+    source=Source("this test", doubts=("all of it",)),
     checks=(Check(1.0, 1.1, quoted_by="by hand"),),
 )  # fmt: skip
 

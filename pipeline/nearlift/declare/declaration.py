@@ -93,19 +93,25 @@ class Declaration:
         if takes != wanted:
             raise self.refusal(
                 f"evaluate takes {sorted(takes)} but parameters and needs are {sorted(wanted)}",
-                "make its keyword-only names equal the table",
+                "name its keyword-only arguments as its parameters and needs",
             )
         if not self.checks:
             raise self.refusal(
                 "has no numeric check",
                 "give at least one number that it must reproduce, and who quoted it",
             )
+        if not (self.source.doi or self.source.doubts):
+            raise self.refusal(
+                "its source has no doi and no doubts",
+                "give its doi, or write into doubts what was not verified",
+            )
         for check in self.checks:
             got = float(np.squeeze(self(check.x, **check.arguments)))
             if not abs(got - check.expected) <= check.tolerance:
+                at = ", ".join(f"{n} = {v}" for n, v in {"x": check.x, **check.arguments}.items())
                 raise self.refusal(
-                    f"gives {got!r} at {check.x} {dict(check.arguments)}, not {check.expected!r}"
-                    f" ({check.quoted_by})",
+                    f"gives {got!r} at {at}, not {check.expected!r} ({check.quoted_by})",
+                    "correct the function, its parameters' values, or the check",
                 )
         notes = self.notes or self.evaluate.__doc__ or ""
         object.__setattr__(self, "notes", inspect.cleandoc(notes))

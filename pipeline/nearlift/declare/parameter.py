@@ -97,6 +97,9 @@ class Parameter:
         lift, as the errors of larger load cells do.
     plausible : (float, float)
         Usual values. Beyond them another effect may have the same shape.
+    size_unit : str
+        Unit of an effect's dimensionless size in words. One that begins with ``"fraction of "``, as
+        ``"fraction of lift"``, is printed in per cent.
     """
 
     name: str
@@ -109,6 +112,7 @@ class Parameter:
     per: Literal["", "session"] = ""
     usual_lift_N: float = math.inf
     plausible: tuple[float, float] = (-math.inf, math.inf)
+    size_unit: str = ""
 
     def __post_init__(self) -> None:
         low, high = self.bounds

@@ -44,7 +44,7 @@ MOTOR_HEATING = Effect(
     parameters=(
         Parameter("heating", "1", 0.0, (-1.0, 3.0), normal(0.0, 1.0),
             "share of the linear fall within a record that is missing from its mean, 1 if it"
-            " begins at the cold lift"),
+            " begins at the cold lift", size_unit="fraction of the fall within a record"),
     ),
     source=Source("Physics of the bench; temperature coefficient of copper",
         doubts=(
@@ -88,7 +88,8 @@ MOUNT_BLOCKAGE = Effect(
     separated_by="lift far away, both ways up and in turns",
     parameters=(
         Parameter("blockage", "1", 0.0, (-0.2, 0.2), normal(0.0, 0.03),
-            "share of lift that is not read inverted; negative reads more"),
+            "share of lift that is not read inverted; negative reads more",
+            size_unit="fraction of lift"),
     ),
     source=Source("Physics of the bench; arrangement of Carter, Bouchard and Quinn 2021",
         bibtex=("carter2021",),
@@ -137,9 +138,11 @@ CELL_CROSSTALK = Effect(
     separated_by="repeats at 90 and 180 degrees",
     parameters=(
         Parameter("crosstalk_along", "1", 0.0, (-0.15, 0.15), normal(0.0, 0.02),
-            "share of lift that is read too much where the vehicle is not turned"),
+            "share of lift that is read too much where the vehicle is not turned",
+            size_unit="fraction of lift"),
         Parameter("crosstalk_across", "1", 0.0, (-0.15, 0.15), normal(0.0, 0.02),
-            "share of lift that is read too much a quarter of a turn from there"),
+            "share of lift that is read too much a quarter of a turn from there",
+            size_unit="fraction of lift"),
     ),
     source=Source("Balance of forces and moments on a single-axis cell",
         doubts=(
@@ -185,7 +188,8 @@ PROPELLER_STEP = Effect(
     separated_by="going back to the first propellers",
     parameters=(
         Parameter("propeller_gain", "1", 0.0, (-0.2, 0.2), normal(0.0, 0.02),
-            "relative lift of the other propellers over the first, less one"),
+            "relative lift of the other propellers over the first, less one",
+            size_unit="fraction of lift"),
     ),
     source=Source("Physics of the bench",
         doubts=(
@@ -243,7 +247,8 @@ FOUNTAIN_STATE = Effect(
     mechanism="colliding wall jets make a fountain that leans to one side or the other",
     parameters=(
         Parameter("state_gap", "1", 0.0, (-3.0, 3.0), normal(0.0, 0.7),
-            "half the difference of K_b between the two states; positive lifts more at +1"),
+            "half the difference of K_b between the two states; positive lifts more at +1",
+            size_unit="half the difference of K_b"),
     ),
     source=Source(
         "Dekker et al., AIAA J. 60(7), 2022: two rotors near the ground, whose fountain switches"

@@ -217,7 +217,7 @@ CELL_CREEP = Effect(
     parameters=(
         Parameter("creep", "1", 0.0, (-0.1, 0.1), normal(0.0, 0.005),
             "share of the previous load that is still read right after it; positive reads too"
-            " much lift after a heavy trial"),
+            " much lift after a heavy trial", size_unit="fraction of the previous load"),
         Parameter("creep_s", "s", 60.0, (5.0, 2000.0),
             Prior(distribution="lognorm", shape=(1.2,), scale=60.0),
             "time over which the cell recovers to 1/e", grid=(15.0, 60.0, 400.0)),

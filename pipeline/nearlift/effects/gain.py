@@ -55,7 +55,8 @@ ROOM_RECIRCULATION = Effect(
     parameters=(
         Parameter("recirculation", "1", 0.0, (0.0, 0.15),
             Prior(distribution="halfnorm", scale=0.02),
-            "relative loss of lift in free air at the median throttle; larger loses more"),
+            "relative loss of lift in free air at the median throttle; larger loses more",
+            size_unit="fraction of lift, in free air"),
         Parameter("recirculation_reach_hat", "1", 8.0, (2.0, 40.0),
             Prior(distribution="lognorm", shape=(0.7,), scale=8.0),
             "distance, in rotor radii, beyond which the boundary no longer shields the rotors",
@@ -110,7 +111,8 @@ SESSION_GAIN = Effect(
     ),
     parameters=(
         Parameter("gain", "1", 0.0, (-0.3, 0.3), normal(0.0, 0.02),
-            "relative gain of a session; positive reads more lift", per="session"),
+            "relative gain of a session; positive reads more lift", per="session",
+            size_unit="fraction of lift"),
     ),
     source=Source("Physics of the bench",
         doubts=(
@@ -153,7 +155,8 @@ GAIN_DRIFT = Effect(
     separated_by="random order, and lift in free air every few trials",
     parameters=(
         Parameter("drift", "1", 0.0, (-0.15, 0.15), normal(0.0, 0.01),
-            "half the relative change over the campaign; positive reads more lift later"),
+            "half the relative change over the campaign; positive reads more lift later",
+            size_unit="fraction of lift, first to last trial"),
     ),
     source=Source("Physics of the bench",
         doubts=("A straight line approximates any slow monotone change.",)),
@@ -195,7 +198,7 @@ WARM_UP = Effect(
     parameters=(
         Parameter("warming", "1", 0.0, (-0.15, 0.15), normal(0.0, 0.02),
             "relative excess of lift at the start of a session; positive where lift sinks as"
-            " motors warm"),
+            " motors warm", size_unit="fraction of lift, at the start of a session"),
         Parameter("warming_s", "s", 300.0, (20.0, 4000.0),
             Prior(distribution="lognorm", shape=(1.0,), scale=300.0),
             "time over which the excess falls to 1/e", grid=(80.0, 300.0, 1200.0)),
@@ -250,7 +253,8 @@ ROTOR_SPEED = Effect(
     separated_by="repeats at one distance at other supply voltages",
     parameters=(
         Parameter("speed_exponent", "1", 0.0, (0.0, 3.0), normal(0.0, 2.0),
-            "power of rotor speed that lift follows; 2 at constant C_L"),
+            "power of rotor speed that lift follows; 2 at constant C_L",
+            size_unit="exponent of rotor speed"),
     ),
     source=Source(
         "Momentum and blade-element theory (lift = C_L rho f^2 r^4); rise of C_L: Bitcraze, PWM to"
@@ -299,7 +303,7 @@ SUPPLY_SAG = Effect(
     parameters=(
         Parameter("sag_exponent", "1", 0.0, (-2.0, 5.0), normal(0.0, 2.0),
             "power of voltage that lift follows; positive where lift falls with voltage, about 2"
-            " uncompensated"),
+            " uncompensated", size_unit="exponent of supply voltage"),
     ),
     source=Source("Bitcraze, PWM to thrust, and the firmware's battery compensation",
         doubts=(
@@ -374,7 +378,8 @@ AIR_DENSITY = Effect(
     separated_by="logged temperature, pressure and humidity",
     parameters=(
         Parameter("density_exponent", "1", 0.0, (-1.0, 3.0), normal(0.0, 1.0),
-            "power of density that lift follows; 1 at constant speed, less at constant throttle"),
+            "power of density that lift follows; 1 at constant speed, less at constant throttle",
+            size_unit="exponent of air density"),
     ),
     source=Source(
         "Ideal gases; saturation pressure after Magnus with the coefficients of Alduchov and"

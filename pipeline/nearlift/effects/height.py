@@ -82,7 +82,7 @@ HEIGHT_SCALE = Effect(
     parameters=(
         Parameter("z_scale", "1", 0.0, (-0.1, 0.1), normal(0.0, 0.02),
             "relative error of recorded distances; positive where the vehicle is farther away"
-            " than recorded"),
+            " than recorded", size_unit="fraction of distance"),
     ),
     source=Source("Physics of the bench",
         doubts=(

@@ -65,7 +65,7 @@ NEAR_WALL_SATURATION = Effect(
     parameters=(
         Parameter("gap_hat2", "1", 0.0, (0.0, 0.25), Prior(distribution="halfnorm", scale=0.03),
             "square of the gap, in rotor radii, below which the gain saturates; larger loses"
-            " more of the gain, 0 loses none"),
+            " more of the gain, 0 loses none", size_unit="square rotor radii"),
         Parameter("saturation_power", "1", 0.68, (0.3, 1.5), uniform(0.3, 1.2),
             "how the gain is held back well inside the gap: 1 for a gain that scales as z_hat^-2,"
             " 1/2 for z_hat^-1",
@@ -96,7 +96,8 @@ NEAR_WALL_SATURATION = Effect(
     viscous_layer,
     parameters=(
         Parameter("viscous_share", "1", 0.0, (0.0, 3.0), Prior(distribution="halfnorm", scale=0.2),
-            "share of the gain that viscous layers take at contact; larger loses more of the gain"),
+            "share of the gain that viscous layers take at contact; larger loses more of the gain",
+            size_unit="fraction of gain, at contact"),
         Parameter("layer_hat", "1", 0.2, (0.03, 1.5),
             Prior(distribution="lognorm", shape=(0.7,), scale=0.2),
             "thickness of these layers, in rotor radii", grid=(0.1, 0.2, 0.5)),
@@ -144,7 +145,7 @@ HELD_QUANTITY = Effect(
     parameters=(
         Parameter("held_exponent", "1", 1.0, (0.3, 1.7), normal(1.0, 0.25),
             "exponent of the ratio; 1 the model as it is, 2/3 constant power, below 1 gains"
-            " shrink"),
+            " shrink", size_unit="exponent of the lift ratio"),
     ),
     source=Source(
         "Blade-element momentum theory; Carter, Bouchard and Quinn 2021 scale their models by the"
@@ -225,7 +226,7 @@ AIRFRAME_STAGNATION = Effect(
     parameters=(
         Parameter("stagnation", "1", 0.0, (-0.15, 0.15), normal(0.0, 0.02),
             "lift from the airframe's underside one radius up, as a share of L_inf; positive"
-            " gains lift, negative is suckdown"),
+            " gains lift, negative is suckdown", size_unit="fraction of lift, at one radius"),
         Parameter("stagnation_power", "1", 2.0, (1.0, 4.0), uniform(1.0, 3.0),
             "how fast that pressure falls with height: the power of z_hat, negated",
             grid=(1.0, 2.0, 3.0)),
@@ -250,7 +251,7 @@ AIRFRAME_STAGNATION = Effect(
     parameters=(
         Parameter("stagnation", "1", 0.0, (-0.15, 0.15), normal(0.0, 0.02),
             "lift from the airframe's underside one radius up, as a share of L_inf; positive"
-            " gains lift, negative is suckdown"),
+            " gains lift, negative is suckdown", size_unit="fraction of lift, at one radius"),
         Parameter("stagnation_length", "1", 0.7, (0.2, 3.0),
             Prior(distribution="lognorm", shape=(0.6,), scale=0.7),
             "height, in rotor radii, over which that pressure falls to 1/e", grid=(0.4, 0.7, 1.3)),
@@ -338,7 +339,7 @@ FOUNTAIN_SHAPE = Effect(
     parameters=(
         Parameter("fountain", "1", 0.0, (-0.2, 0.2), normal(0.0, 0.03),
             "lift from the fountain at its strongest, beyond the model's, as a share of L_inf;"
-            " positive gains lift"),
+            " positive gains lift", size_unit="fraction of lift, at its strongest"),
         Parameter("fountain_height", "1", 0.55, (0.15, 2.0),
             Prior(distribution="lognorm", shape=(0.5,), scale=0.55),
             "height where it is strongest, over the distance of adjacent rotor axes",
@@ -421,7 +422,7 @@ IMAGE_STRENGTH = Effect(
     parameters=(
         Parameter("strength", "1", 1.0, (0.3, 1.7), normal(1.0, 0.2),
             "share of inflow cancelled over the model's; above 1 gains more lift near the"
-            " boundary"),
+            " boundary", size_unit="fraction of the model's images"),
     ),
     source=Source(
         "Coefficient on Cheeseman and Bennett's image as in Danjun and Li 2015, and as fitted to"
@@ -499,7 +500,7 @@ PLATE_EDGE = Effect(
     parameters=(
         Parameter("edge_share", "1", 0.0, (0.0, 1.5), Prior(distribution="halfnorm", scale=0.25),
             "share of the gain lost far beyond the edge; 1 where nothing lies behind the plate,"
-            " 0 is a plane without end"),
+            " 0 is a plane without end", size_unit="fraction of gain"),
         Parameter("edge_width_hat", "1", 4.5, (2.0, 30.0),
             Prior(distribution="lognorm", shape=(0.7,), scale=5.0),
             "distance, in rotor radii, at which the wake has outgrown the plate: its half-width"
@@ -596,7 +597,7 @@ TILT = Effect(
             " either side gains lift; 3.5 to 5 on a Crazyflie"),
         Parameter("tilt_lean", "1", 0.0, (-4.0, 6.0), normal(0.0, 1.0),
             "share of the cosine's loss of a tilted force that the cell reads, at every"
-            " distance: 1 where the cell is fixed"),
+            " distance: 1 where the cell is fixed", size_unit="fraction of the cosine's loss"),
         Parameter("tilt_decay", "1", 2.0, (0.0, 4.0), uniform(0.0, 4.0),
             "power of distance with which a tilt's share of the gain falls off: 0 turned wakes, 2"
             " distances of the rotors",
@@ -665,7 +666,7 @@ REYNOLDS = Effect(
     parameters=(
         Parameter("reynolds_slope", "1", 0.0, (-1.0, 1.0), normal(0.0, 0.1),
             "relative change of the gain per unit of ln throttle; positive where the gain grows"
-            " with throttle"),
+            " with throttle", size_unit="fraction of gain, per unit of ln throttle"),
     ),
     source=Source(
         "Deters, Ananda and Selig 2014 (small propellers); Bitcraze's table of lift against"

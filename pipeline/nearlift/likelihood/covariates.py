@@ -148,6 +148,10 @@ def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
 
 
 def unlogged(effect: Effect, data: Observations) -> tuple[str, ...]:
-    """Covariates that the effect's declaration asks to record and these trials do not have."""
-    known = {name.split("_")[0] for name in data.covariates} | {"session"}
+    """Covariates that the effect's declaration asks to record and these trials do not have; the
+    session, where there is one only.
+    """
+    known = {name.split("_")[0] for name in data.covariates}
+    if varies(data, "session"):
+        known.add("session")
     return tuple(name for name in effect.log_next_time if name not in known)

@@ -37,30 +37,6 @@ LINEAR = 8.0
 SAME_END = 0.05
 #: Factor of the size that is quoted, where it is not 1: a drift is from the middle of the campaign.
 FACTORS = {"drift": 2.0}
-#: Unit of the size that is quoted, where the declared parameter has none of its own.
-SIZE_UNITS = {
-    **dict.fromkeys(("gain", "blockage", "propeller_gain"), "fraction of lift"),
-    **dict.fromkeys(("crosstalk_along", "crosstalk_across"), "fraction of lift"),
-    "z_scale": "fraction of distance",
-    "gap_hat2": "square rotor radii",
-    "viscous_share": "fraction of gain, at contact",
-    "held_exponent": "exponent of the lift ratio",
-    "stagnation": "fraction of lift, at one radius",
-    "fountain": "fraction of lift, at its strongest",
-    "strength": "fraction of the model's images",
-    "edge_share": "fraction of gain",
-    "tilt_lean": "fraction of the cosine's loss",
-    "reynolds_slope": "fraction of gain, per unit of ln throttle",
-    "recirculation": "fraction of lift, in free air",
-    "drift": "fraction of lift, first to last trial",
-    "warming": "fraction of lift, at the start of a session",
-    "speed_exponent": "exponent of rotor speed",
-    "sag_exponent": "exponent of supply voltage",
-    "density_exponent": "exponent of air density",
-    "creep": "fraction of the previous load",
-    "heating": "fraction of the fall within a record",
-    "state_gap": "half the difference of K_b",
-}
 
 
 def result(
@@ -133,7 +109,7 @@ def sizes(answer: Answer, effects: tuple[NamedEffect, ...]) -> tuple[IdentifiedS
                     value=scale * e.value,
                     lo90=scale * e.lo90,
                     hi90=scale * e.hi90,
-                    unit=SIZE_UNITS.get(plain, e.unit or "1"),
+                    unit=effect.parameter(plain).size_unit or e.unit or "1",
                     lift_percent=100 * float(lift.max() - lift.min()),
                 )
             )

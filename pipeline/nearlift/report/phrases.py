@@ -267,10 +267,17 @@ def displayed(parameter: str, unit: str) -> tuple[Callable[[float], float], str]
         return (lambda x: math.sqrt(max(x, 0.0))), ""
     if head.startswith("fraction of "):
         return (lambda x: 100 * x), f"% of {head.removeprefix('fraction of ')}{comma}{tail}"
-    if head not in ("m", "N"):
+    quantity, per, rest = head.partition("/")
+    if quantity not in ("m", "N"):
         return float, "" if unit == "1" else unit
-    factor, shown = SCALES[head]
-    return (lambda x: factor * x), shown
+    factor, shown = SCALES[quantity]
+    return (lambda x: factor * x), f"{shown}{per}{rest}"
+
+
+def without_unit(parameter: str, unit: str) -> str:
+    """An effect's parameter without the unit that ends its name: ``zero`` of ``zero_N_per_K``."""
+    spelled = unit.partition(", ")[0].replace("1/", "per_").replace("/", "_per_")
+    return parameter.removesuffix(f"_{spelled}")
 
 
 def sizes(quoted: BoundaryResult, radius_m: float) -> str:
@@ -304,5 +311,5 @@ def _size(size: IdentifiedSize, radius_m: float) -> str:
     ends = f"(90 %: {low} to {high})"
     if words := SIZE_WORDS.get(size.parameter):
         return f"{words.format(value)} {ends}"
-    name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
+    name = letter(without_unit(size.parameter, size.unit)).replace("_", " ")
     return f"{name} {value} {unit}".rstrip() + f" {ends}"

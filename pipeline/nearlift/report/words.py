@@ -143,7 +143,7 @@ class Brief:
             pairs = titles(sorted(further), "or")
             also = f" It may act alone or with {pairs}; this design cannot distinguish these."
         elif rivals:
-            also = f" This design cannot distinguish it from {titles(rivals, 'or')}."
+            also = f" This design cannot distinguish {confused(self.diagnosis)}."
         return f"{sentence(text)}{also}"
 
     @property
@@ -562,6 +562,14 @@ def level_curve(fit: LevelFit) -> str:
 def rivals_of(diagnosis: BoundaryDiagnosis | None) -> list[str]:
     """Rivals of all identified effects."""
     return [r for e in diagnosis.effects for r in diagnosis.stand_ins(e)] if diagnosis else []
+
+
+def confused(diagnosis: BoundaryDiagnosis | None) -> str:
+    """``fountain length from airframe pressure``; a lone identified effect is ``it``."""
+    effects = diagnosis.effects if diagnosis else ()
+    name = {e.name: titles([e.name]) if len(effects) > 1 else "it" for e in effects}
+    rivals = {e.name: titles(diagnosis.stand_ins(e), "or") for e in effects} if diagnosis else {}
+    return listed([f"{name[e]} from {others}" for e, others in rivals.items() if others])
 
 
 def _is_serious(suspect: Suspect, headline: CoefficientResult | None) -> bool:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import json
 import os
 import platform
@@ -24,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from nearlift import blas
+from nearlift import blas, plugins
 from nearlift.errors import InputRefused, NearliftError, ProductError, UsageError
 from nearlift.run import tables
 from nearlift.run.tables import LEDGER, Product
@@ -341,11 +340,7 @@ def hashed(
 @functools.cache
 def code_digest() -> str:
     """Digest of nearlift's own source, so that products of older code are stale."""
-    package, digest = Path(__file__).parents[1], hashlib.sha256()
-    for file in sorted(p for p in package.rglob("*") if "__pycache__" not in p.parts):
-        if file.is_file():
-            digest.update(str(file.relative_to(package)).encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()
+    return plugins.digest_of_code(Path(__file__).parents[1])
 
 
 @functools.cache
@@ -363,6 +358,7 @@ def material(job: Job, stage: Stage) -> dict[str, str]:
     raw = job.inputs if stage.report else job.sources.get(stage.name, ())
     return {
         "nearlift itself": code_digest(),
+        **{f"package {package}": digest for package, digest in plugins.digests().items()},
         **{f"version of {package}": version for package, version in versions().items()},
         **{f"[{n}] of the manifest": tables.digest_of(s.encode()) for n, s in sections.items()},
         **{name: job.inputs[name] for name in raw},

@@ -90,7 +90,7 @@ SUPPLY = Effect(
             "power of the supply voltage; positive where lift falls with it"),
     ),
     source=Source("own form; a DC motor's speed scales as its voltage, lift with the square of"
-        " speed"),
+        " speed", doubts=("Exact in these simulated records only.",)),
     checks=(
         Check(1.0, 0.81, {"supply_V": 3.51, "exponent": 2.0}, "0.9 squared", tolerance=1e-12),
     ),
@@ -116,7 +116,8 @@ SHORTFALL = Effect(
         Parameter("shortfall", "1", 0.0, (0.0, 1.0), normal(0.0, 0.5),
             "share of the gain that is lost at the ceiling itself"),
     ),
-    source=Source("own form, after the measured 60 % of Carter, Bouchard and Quinn 2021"),
+    source=Source("own form, after the measured 60 % of Carter, Bouchard and Quinn 2021",
+        doubts=("Exact in these simulated records only.",)),
     checks=(
         Check(2.337117, 1.600, {"z_hat": 0.1, "shortfall": CEILING_SHORTFALL},
             "Carter, Bouchard and Quinn 2021: up to 60 %", tolerance=1e-3),

@@ -170,7 +170,7 @@ def problem(given: DataSet, start: int) -> Curve:
             )
             for n, v, w in zip(names, given.starts[start], width, strict=True)
         ),
-        source=Source(citation="NIST StRD"),
+        source=Source("NIST StRD", doubts=("none",)),
         # a number that says nothing: what this model must reproduce is below
         checks=(Check(x=given.x[..., 0], expected=0.0, tolerance=np.inf),),
     )

@@ -14,7 +14,15 @@ from nearlift.report import blocks, sources, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import ranked
 from nearlift.report.number import Number, Place
-from nearlift.report.phrases import PRIOR_ODDS, along, displayed, listed, sentence, titles
+from nearlift.report.phrases import (
+    PRIOR_ODDS,
+    along,
+    displayed,
+    listed,
+    sentence,
+    titles,
+    without_unit,
+)
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.rounding import plain
 from nearlift.stages.diagnose import DIAGNOSIS
@@ -118,10 +126,13 @@ def _effects(
             place = Place(evidence, DIAGNOSIS, (*at, "effects", i, "parameters", name))
             if (j := quoted.get((effect.name, name))) is not None:
                 place = Place(evidence, RESULTS, (*at, "sizes", j))
-            show, unit = displayed(name, place.content.get("unit", "1"))
+            stated = place.content.get("unit", "1")
+            show, unit = displayed(name, stated)
             # an exponent needs no unit in words
             unit = "" if unit.startswith("exponent") else unit
-            q = place.quote(name=SATURATION.get(name, name), show=show, unit=unit)
+            q = place.quote(
+                name=SATURATION.get(name, without_unit(name, stated)), show=show, unit=unit
+            )
             q = replace(q, u=None, at_bound=_is_at_bound(effect.name, name, known.value))
             form = brief.quoted.form(effect.name)
             cause = f"{effect.mechanism} ({form} form)" if form else effect.mechanism

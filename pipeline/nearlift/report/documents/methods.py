@@ -65,7 +65,7 @@ def markdown(evidence: Evidence) -> bytes:
         and any(fit.posterior and fit.posterior.sampler == "emcee" for fit in fits),
         untestable=[*{titled(name): 0 for d in diagnosed for name in d.untestable}],
         effects=lambda b: _effects(b.quoted),
-        rivals_of=words.rivals_of,
+        confused=words.confused,
         power=words.power,
         explanation=phrases.explanation,
         forms=phrases.forms,

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
-from nearlift import catalogue, nomenclature
+from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.likelihood.covariates import derive
@@ -447,7 +447,7 @@ def _draw_coefficients(place: Any, rows: pd.DataFrame) -> Axes:
     axes = place.subgridspec(1, len(names), wspace=0.08).subplots(squeeze=False)[0]
     for ax, name in zip(axes, names, strict=True):
         _draw_coefficient(ax, pick(rows, label=name), conditions)
-        ax.set_xlabel(nomenclature.label(name))
+        ax.set_xlabel(style.labelled(name))
         ax.tick_params(axis="y", length=0, labelleft=ax is axes[0])
     return axes[0]  # type: ignore[no-any-return]
 
