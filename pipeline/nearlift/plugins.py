@@ -72,10 +72,9 @@ def digests() -> dict[str, str]:
     known, installed = defaultdict[str, list[str]](list), entry_points()
     for point in (p for group in GROUPS for p in installed.select(group=group)):
         spec = find_spec(point.module.partition(".")[0])
-        if spec is not None:
+        if spec is not None and point.dist is not None:
             roots = spec.submodule_search_locations or [spec.origin or ""]
-            name = point.dist.name if point.dist else point.value
-            known[name] += [digest_of_code(Path(root)) for root in roots]
+            known[point.dist.name] += [digest_of_code(Path(root)) for root in roots]
     return {name: " ".join(dict.fromkeys(digests)) for name, digests in known.items()}
 
 

@@ -57,13 +57,15 @@ def test_a_model_is_offered_and_described_after_the_built_in_ones(tmp_path):
     code = """
 from nearlift import catalogue
 from nearlift.describe import describe
+from nearlift.run.engine import versions
 names = [m.name for m in catalogue.models("ground")]
 print(names.index("power_law") < names.index("bell"))
 print("bell" in catalogue.default_rivals("ground", 4, {}))
 print("gain at contact" in describe("bell"))
+print(versions()["lift-bell"] == "1.0")
 """
     shown = python(tmp_path, "-c", code)
-    assert shown.stdout.split() == ["True"] * 3, shown.stderr
+    assert shown.stdout.split() == ["True"] * 4, shown.stderr
     install(tmp_path, "lift-lazy", "raise RuntimeError('loaded')")
     asked = "import nearlift.catalogue as c, nearlift.describe; print('imported'); c.models()"
     shown = python(tmp_path, "-c", asked)

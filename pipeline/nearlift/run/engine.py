@@ -348,7 +348,8 @@ def versions() -> dict[str, str]:
     """Versions of Python and of the packages whose version can change a number."""
     from importlib import metadata
 
-    return {"python": platform.python_version(), **{n: metadata.version(n) for n in NUMERICAL}}
+    names = (*NUMERICAL, *plugins.digests())
+    return {"python": platform.python_version(), **{n: metadata.version(n) for n in names}}
 
 
 def material(job: Job, stage: Stage) -> dict[str, str]:
@@ -356,10 +357,11 @@ def material(job: Job, stage: Stage) -> dict[str, str]:
     manifest = job.campaign.model_dump(mode="json", by_alias=True, include=set(stage.sections))
     sections = {name: json.dumps(manifest[name], sort_keys=True) for name in stage.sections}
     raw = job.inputs if stage.report else job.sources.get(stage.name, ())
+    added = plugins.digests()
     return {
         "nearlift itself": code_digest(),
-        **{f"package {package}": digest for package, digest in plugins.digests().items()},
-        **{f"version of {package}": version for package, version in versions().items()},
+        **{f"package {package}": digest for package, digest in added.items()},
+        **{f"version of {name}": v for name, v in versions().items() if name not in added},
         **{f"[{n}] of the manifest": tables.digest_of(s.encode()) for n, s in sections.items()},
         **{name: job.inputs[name] for name in raw},
         **{p.file: tables.sha256_if_any(job.processed / p.file) for p in stage.reads},
