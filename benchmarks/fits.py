@@ -4,8 +4,7 @@ scripts.
 Each contestant fits the same lifts: K_b and an exponent near the ground, and a level for each of
 four throttles. The peers whiten by a dense triangle; lmfit and least_squares go campaign by
 campaign. Times are of the fits alone; two designs, the paper's stations, and every trial at a
-height of its own (as a rig reports that measures where it stopped), where nothing can be shared
-between trials.
+height of its own (as a rig reports that measures where it stopped).
 """
 
 from __future__ import annotations
