@@ -12,16 +12,17 @@ from nearlift.declare import FloatArray
 from nearlift.fit.density import Density
 
 #: Points along each axis, by number of parameters, and how often they are doubled for a shape that
-#: they do not resolve (a bent ridge): 600,000 points at most, which take a second.
+#: they do not resolve (a bent ridge). Ours: 600,000 points at most, which take a second.
 GRID_POINTS = {1: 1025, 2: 193}
 MAX_DOUBLINGS = 2
 #: Points along each axis while the grid's reach is searched, and maximum number of rounds of it.
 #: Ours: a coarse grid suffices to see an edge, and a round can triple the reach.
 REACH_POINTS, REACH_ROUNDS = 65, 8
-#: Fall of the log density at which the grid ends: the tail of a normal beyond it is below 1e-7.
+#: Fall of the log density at which the grid ends. Ours: the tail of a normal beyond it is below
+#: 1e-7.
 MAX_LOG_FALL = 16.0
-#: Limit on the change of a cumulative probability when the resolution is halved: less than the
-#: Monte Carlo error of 4000 draws.
+#: Limit on the change of a cumulative probability when the resolution is halved. Ours: less than
+#: the Monte Carlo error of 4000 draws.
 MAX_GRID_ERROR = 0.005
 
 

@@ -41,13 +41,13 @@ EXPONENT_BOUNDS = (0.1, 3.0)
 #: Distance from a bound, relative to a parameter's scale, at which it is at the bound. Ours: far
 #: below any uncertainty.
 BOUND_MARGIN = 1e-4
-#: Significance level of the test that a logged quantity was held: one false alarm in a hundred
-#: campaigns, since it changes the exponent.
+#: Significance level of the test that a logged quantity was held. Ours: one false alarm in a
+#: hundred campaigns, since it changes the exponent (docs/assumptions.md).
 HELD_TEST_LEVEL = 0.01
 #: Least denominator of the formulas above: part of the change of lift at constant speed or power.
 #: Ours: at less, an error of the exponent counts tenfold.
 MIN_CHANGE_LEFT = 0.1
-#: Fewest visits in one session for a response: six are left after a level and a slope.
+#: Fewest visits in one session for a response. Ours: six are left after a level and a slope.
 MIN_RESPONSE_VISITS = 8
 QUANTITY_NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
 

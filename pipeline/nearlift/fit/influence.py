@@ -25,7 +25,8 @@ from nearlift.results import Estimate
 from nearlift.results.fit import Influence, Suspect
 from nearlift.rounding import like, plain, plus_minus
 
-#: Median relative variance up to which trials repeat exactly: just above the variance floor.
+#: Median relative variance up to which trials repeat exactly: just above the variance floor,
+#: `likelihood.covariance.LEAST_VARIANCE`.
 EXACT_VARIANCE = 1.1e-12
 #: Shift of the headline in closed form, in its standard uncertainties, from which a trial is fitted
 #: without; and for a visit that is an outlier as a whole. Ours: `NAMED_SHIFT` less a margin, since

@@ -34,8 +34,8 @@ from nearlift.rounding import plain, signed
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import LeastSquaresFit
 
-#: Least effective degrees of freedom: a 90 % interval then has 6.3 standard uncertainties to either
-#: side.
+#: Least effective degrees of freedom. Ours: a 90 % interval then has 6.3 standard uncertainties to
+#: either side.
 LEAST_DOF = 1.0
 #: What a component's standard uncertainty is on: its unit, and the factor and unit shown.
 UNITS = {
@@ -55,8 +55,8 @@ SCATTER_NAMES = {
     "common": "visit-to-visit scatter",
     "drift": "slow drift",
 }
-#: Absolute correlation above which a pair is degenerate: knowing one would reduce u of the other to
-#: sqrt(1 - r^2) = 0.31 of it.
+#: Absolute correlation above which a pair is degenerate. Ours: knowing one would reduce u of the
+#: other to sqrt(1 - r^2) = 0.31 of it.
 DEGENERATE = 0.95
 #: Least relative reduction of an uncertainty for which a remedy is listed; u is printed to two
 #: digits.

@@ -28,8 +28,8 @@ from nearlift.results.fit import APART, SamplerCheck
 INDEPENDENT_CHAINS = 4
 #: Maximum number of parameters for a grid. Ours: three would need 7 million points.
 MAX_GRID_PARAMETERS = 2
-#: Cumulative probabilities at which chain and grid are compared: the quoted interval, and
-#: the quartiles, where a missed mode shows.
+#: Cumulative probabilities at which chain and grid are compared. Ours: the quoted interval, and the
+#: quartiles, where a missed mode shows.
 PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
 #: Steps between two assessments of a chain. Ours: a chain is at most so much longer than it needs
 #: to be.
