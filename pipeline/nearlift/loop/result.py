@@ -206,7 +206,7 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
         return None
     problem, _ = _marginal_likelihood(answer, answers)
     value, u = answers.members[0][1]
-    centre, _ = solve(problem, value)
+    centre, _ = solve(problem, value, quoted=True)
     dof = max(float(answers.dof.min()), information.LEAST_DOF)
     return Density(problem=problem, centre=centre, dof=dof, reach=LINEAR * u)
 
