@@ -22,6 +22,7 @@ from tests.calibration.simulator import Campaign, Errors, Shared, Spec, Unreacha
 
 REPORTED = 600_000  # seeds from here on are for reporting; tune on others
 STRONG = 0.4
+EIGHT_THROTTLES = tuple(np.linspace(0.3, 0.9, 8).round(3).tolist())
 RHO = {"weak": (0.1, 0.2), "one": (0.2, 1.2)}
 
 
@@ -276,6 +277,7 @@ KINDS: dict[str, Kind] = {
         _design("one_session", sessions=1),
         _design("swept", order="swept"),
         _design("eight_stations", distances=8, sessions=4),
+        _design("nine_visits", distances=9, visits=1, sessions=1, throttles=EIGHT_THROTTLES),
         _design("trials_48", distances=6, visits=2, sessions=1),
         _design("trials_96", distances=8, visits=3, sessions=2),
         _design("trials_160", distances=10, visits=4, sessions=4),

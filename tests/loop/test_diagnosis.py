@@ -368,6 +368,39 @@ def test_few_visits_want_more_than_chance_and_the_greater_part():
     assert confirmation.jackknife(vectors) == pytest.approx(3 / 4 * 14)
 
 
+def test_degrees_of_freedom_of_the_jackknife_are_those_of_drawn_noise():
+    """2 E^2 / Var of the jackknife's variance over draws of the noise floor: below the eight of
+    nine visits, since few of them determine a coefficient.
+    """
+    searched = replace(problem(sweeps(4, spread=0.004)), independent=True)
+    fitted, data = searched.base_fit, searched.data
+    columns = np.hstack([data.level_design, fitted.candidate.jacobian(fitted.vector)])
+    noise_of = replace(searched, independent=False).space.covariance.dense()
+    rng = np.random.default_rng(1)
+    drawn = np.linalg.cholesky(noise_of) @ rng.standard_normal((data.n, 20_000))
+    root = np.sqrt(searched.space.covariance.variance)[:, None]
+    without = []
+    for visit in np.unique(data.visit):
+        keep = data.visit != visit
+        estimates, *_ = np.linalg.lstsq((columns / root)[keep], (drawn / root)[keep])
+        without.append(estimates[-1])
+    variance = np.var(without, axis=0) * (len(without) - 1)
+    dof = 2 * variance.mean() ** 2 / variance.var()
+    (stated,) = few_visits.freedom(searched, fitted)
+    assert stated < 7
+    assert stated == pytest.approx(dof, rel=0.05)
+
+
+def test_few_visits_are_judged_as_correlated_trials_where_nothing_is_seen():
+    # fitted as if independent, what visits have in common would be evidence for any effect
+    data = sweeps(6, spread=0.01)
+    data = replace(data, session=np.zeros_like(data.session))
+    answer = few_visits.run(problem(data))
+    assert answer.verdict == "adequate"
+    assert answer.probabilities[0].effects == ()
+    assert answer.probability > 0.8
+
+
 @pytest.mark.parametrize(
     "names",
     [(), ("supply_sag",), ("supply_sag", "height_offset"), ("session_gain",)],

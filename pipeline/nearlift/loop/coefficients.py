@@ -206,7 +206,7 @@ def answers(answer: Answer) -> Answers:
         value, u = members[0][1]
         hidden = np.maximum(constrained[1] ** 2 - exactly[1] ** 2, 0.0)
         constrained = value, np.sqrt(u**2 + hidden)
-        dof = np.full(len(u), few_visits.freedom(problem))
+        dof = few_visits.freedom(problem, best)[: len(u)]
     else:
         space = problem.whitening(problem.parts, problem.slope)
         jacobian = space.jacobian(problem.base_fit.vector[: len(problem.theta)])

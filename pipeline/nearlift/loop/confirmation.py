@@ -216,7 +216,7 @@ def _strained(problem: SearchProblem) -> list[str]:
     from scipy.stats import norm
 
     # a fit of few visits leaves the shared errors out of its covariance
-    problem = dataclasses.replace(problem, independent=False)
+    problem = problem.correlated
     absorbed, base = orthonormal(problem.base_fit.jacobian), problem.base_fit
     residual = base.residual - absorbed @ (absorbed.T @ base.residual)
     offsets = [("the distance datum", np.array([base.datum_chi2**0.5]))]

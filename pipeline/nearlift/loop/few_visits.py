@@ -41,9 +41,31 @@ def visits_are_few(data: Observations) -> bool:
     return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 
 
-def freedom(problem: SearchProblem) -> float:
-    """Degrees of freedom of the jackknife: visits less one, at least 1."""
-    return float(max(len(np.unique(problem.data.visit)) - 1, 1))
+def freedom(problem: SearchProblem, fitted: Fitted) -> FloatArray:
+    """Degrees of freedom of the jackknife over visits, (P,), at least 1: Satterthwaite's, for the
+    noise floor and a fit that is linear.
+
+    A coefficient that one visit determines has hardly more than one, however many the visits
+    (Bell and McCaffrey 2002, Survey Methodology 28, 169).
+    """
+    _, weight = _weights(problem)
+    levels = problem.data.level_design
+    columns = np.hstack([levels, fitted.candidate.jacobian(fitted.vector)])
+    prior = np.r_[np.zeros(levels.shape[1]), fitted.candidate.prior[1] ** -2.0]
+    weighted = columns.T * weight[:, None]
+    # estimates without each visit about their mean, as functions of log lift, (P, visits, n)
+    known = np.linalg.pinv(weighted @ columns + np.diag(prior), rcond=1e-13, hermitian=True)
+    each = (known @ weighted)[:, levels.shape[1] :].swapaxes(0, 1)
+    each = each - each.mean(axis=1, keepdims=True)
+    noise = problem.correlated.space.covariance
+    within = (weight == 0).T
+    by_visit = [(each * size) @ within for size in (noise.per_visit, noise.common)]
+    of_trial = each * np.sqrt(noise.variance)
+    errors = np.concatenate([of_trial, *by_visit, each @ noise.shared], axis=2)
+    squares = np.linalg.svd(errors, compute_uv=False) ** 2
+    with np.errstate(invalid="ignore"):
+        dof = squares.sum(axis=1) ** 2 / np.sum(squares**2, axis=1)
+    return np.asarray(np.maximum(np.nan_to_num(dof), 1.0))
 
 
 def left_out(problem: SearchProblem, whole: Fitted) -> FloatArray:

@@ -54,7 +54,8 @@ def accepted_explanation(answer: Answer, answers: Answers) -> AcceptedExplanatio
         return None
     fitted, problem = answer.best, answer.problem
     u = np.sqrt(np.maximum(np.diag(answers.covariance), 0.0))
-    dof = np.full(len(u), few_visits.freedom(problem) if problem.independent else np.inf)
+    by_visits = problem.independent
+    dof = few_visits.freedom(problem, fitted) if by_visits else np.full(len(u), np.inf)
     dof[: len(answers.names)] = answers.dof
     half = [student.quantile(0.95, float(d)) for d in dof] * u
     parameters = {}
@@ -69,7 +70,7 @@ def accepted_explanation(answer: Answer, answers: Answers) -> AcceptedExplanatio
         probability=answer.probability,
         parameters=parameters,
         covariance=ParameterCovariance.named(
-            parameters, answers.covariance if problem.independent else fitted.covariance
+            parameters, answers.covariance if by_visits else fitted.covariance
         ),
     )
 

@@ -110,6 +110,11 @@ class SearchProblem:
         return Likelihood(model=self.base, data=data, covariance=covariance)
 
     @property
+    def correlated(self) -> SearchProblem:
+        """The problem with correlated trials."""
+        return dataclasses.replace(self, independent=False) if self.independent else self
+
+    @property
     def assumed_noise(self) -> Noise:
         """The noise floor, without correlation within visits if trials count as independent."""
         if not self.independent:

@@ -178,7 +178,8 @@ def weigh(
     below `LEAST_LISTED` are summed at the end.
     """
     # of few visits, scores on those left out are relative to the base model's
-    nothing = 0.0 if problem.independent else problem.nothing_added[1]
+    by_visits = problem.independent
+    nothing = 0.0 if by_visits else problem.nothing_added[1]
     foremost = next(iter(first.foremost()), "distance")
     odds = LOG_SILENT_ODDS if silent else LOG_DETECTED_ODDS
     terms: list[tuple[Key, float]] = [(((), ""), nothing / TEMPERATURE + odds)]
@@ -187,7 +188,7 @@ def weigh(
         for along, log_bf in families:
             terms.append((((), along), log_weight + log_bf / TEMPERATURE + LOG_NAMELESS_ODDS))
 
-    if problem.independent:
+    if by_visits:
         add_nameless([(foremost, 0.0)], 0.0)
     else:
         along = nameless(problem, problem.base_linear_fit.left)
@@ -205,12 +206,13 @@ def weigh(
                 continue
             terms.append(((e.effects, ""), value + float(np.log(share))))
             terms.append((((), foremost), value + float(np.log(1 - share))))
-            if not (named or problem.independent):
+            if not (named or by_visits):
                 linear_fit = problem.linearised(e.fitted, e.form_sd, e.random_walk_gain)
                 add_nameless(nameless(problem, linear_fit.left).items(), value)
     else:
         single = nothing / TEMPERATURE + log_odds(problem, 1)
-        for name, log_bf in first_order(problem).items():
+        # trials of few visits are fitted as if independent; as evidence they are not
+        for name, log_bf in first_order(problem.correlated).items():
             terms.append((((name,), ""), single + log_bf / TEMPERATURE))
     return _listed(_summed(terms))
 
