@@ -219,7 +219,7 @@ def test_the_peak_is_where_the_grid_is_densest(model, dof):
     target, _ = density(model, seed=5, dof=dof)
     exact = posterior.grid(target)
     densest = exact.theta[np.argmax(exact.mass)]
-    away = (target.peak - densest) / np.sqrt(np.diag(target.spread()))
+    away = (target.peak - densest) / np.sqrt(np.diag(target.spread))
     assert np.abs(away).max() < 1 / 16 + 12 / 192
 
 

@@ -95,7 +95,7 @@ class Density:
     @cached_property
     def stations(self) -> Stations:
         """The distinct stations, at which chi2 is computed."""
-        sd = np.sqrt(np.diag(self.spread()))
+        sd = np.sqrt(np.diag(self.spread))
         return Stations.from_problem(self.problem, self.centre, sd)
 
     @cached_property
@@ -146,7 +146,7 @@ class Density:
         from scipy.optimize import minimize
 
         low, high = self.problem.model.bounds
-        scale, start = np.sqrt(np.diag(self.spread())), np.clip(self.centre, low, high)
+        scale, start = np.sqrt(np.diag(self.spread)), np.clip(self.centre, low, high)
         first, last = (low - start) / scale, (high - start) / scale
 
         def at(x: FloatArray) -> FloatArray:
@@ -166,6 +166,7 @@ class Density:
         near = np.round(16 * end) / 16
         return at(near if cost(near)[0] < NO_VALUE else end)
 
+    @cached_property
     def spread(self) -> FloatArray:
         """First-order covariance (p, p) at the centre, from the data's information and normal
         priors as wide as the declared ones.

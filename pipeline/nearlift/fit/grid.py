@@ -88,7 +88,7 @@ def grid(density: Density) -> PosteriorGrid:
     """
     mean = density.peak
     p = len(mean)
-    value, vector = np.linalg.eigh(density.spread())
+    value, vector = np.linalg.eigh(density.spread)
     axes = vector * np.sqrt(np.maximum(value, 1e-30))
 
     def evaluated(points: int) -> tuple[FloatArray, FloatArray]:

@@ -264,7 +264,7 @@ def start(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
     They are on a lattice: walkers move by each other's differences, so that rounding errors of the
     starts would grow until they changed every walker.
     """
-    mean, spread = density.peak, density.spread()
+    mean, spread = density.peak, density.spread
     root = 2 * np.linalg.cholesky(spread)
     step = 2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE_POINTS
     places = np.empty((0, len(mean)))
