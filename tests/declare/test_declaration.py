@@ -32,6 +32,14 @@ def bell(z_hat, /, *, k):
     return 1 + k * np.exp(-np.square(z_hat))
 
 
+def one_by_one(z_hat, /, *, k):
+    return 1 + k if z_hat < 0.1 else 1.0
+
+
+def mixed(z_hat, /, *, k):
+    return bell(z_hat, k=np.mean(k))
+
+
 def declare(**changes) -> LiftModel:
     k = Parameter(
         name="k", unit="1", value=0.5, bounds=(0, 2), prior=uniform(0, 2), meaning="gain at contact"
@@ -132,6 +140,8 @@ def test_keywords_are_the_keyword_only_names():
             {"checks": (Check(x=0.0, expected=1.6, quoted_by="a slip"),)},
             r"gives 1\.5 at x = 0\.0, not 1\.6 \(a slip\)\n  correct the function",
         ),
+        ({"evaluate": one_by_one}, r"parameters of shape \(m, 1\): .*\n  use functions of numpy"),
+        ({"evaluate": mixed}, r"parameters of shape \(m, 1\): rows are mixed\n  use functions"),
         (
             {"checks": (Check(x=float("nan"), expected=1.0, quoted_by="a slip"),)},
             "gives nan at x = nan",

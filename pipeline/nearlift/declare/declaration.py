@@ -113,8 +113,26 @@ class Declaration:
                     f"gives {got!r} at {at}, not {check.expected!r} ({check.quoted_by})",
                     "correct the function, its parameters' values, or the check",
                 )
+        self._refuse_scalar_function(self.checks[0])
         notes = self.notes or self.evaluate.__doc__ or ""
         object.__setattr__(self, "notes", inspect.cleandoc(notes))
+
+    def _refuse_scalar_function(self, check: Check) -> None:
+        """Refuse a function that takes one number at a time, or mixes rows of parameters."""
+        known = {**{p.name: p.value for p in self.parameters}, **check.arguments}
+        rows = {p.name: np.array([[known[p.name]], [np.mean(p.bounds)]]) for p in self.parameters}
+        fault, got = "rows are mixed", np.full((2, 3), np.nan)
+        try:
+            with np.errstate(all="ignore"):
+                x = np.stack([check.x] * 3, axis=-1)
+                got = np.broadcast_to(self.evaluate(x, **known | rows), (2, 3))
+        except (TypeError, ValueError) as raised:
+            fault = str(raised)
+        if not np.all(np.abs(got[0] - check.expected) <= check.tolerance):
+            raise self.refusal(
+                f"evaluate does not take x of shape (n,) with parameters of shape (m, 1): {fault}",
+                "use functions of numpy, and np.where instead of if",
+            )
 
     def refusal(self, what: str, remedy: str = "") -> DeclarationError:
         """Faults of this declaration."""
