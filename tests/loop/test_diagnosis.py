@@ -24,7 +24,7 @@ from nearlift.loop import (
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import fit as candidate_fit
 from nearlift.loop.findings import partial
-from nearlift.loop.result import result
+from nearlift.loop.result import posterior_density, result
 from nearlift.loop.search import pair_gains, run
 
 
@@ -389,6 +389,19 @@ def test_degrees_of_freedom_of_the_jackknife_are_those_of_drawn_noise():
     (stated,) = few_visits.freedom(searched, fitted)
     assert stated < 7
     assert stated == pytest.approx(dof, rel=0.05)
+
+
+def test_the_posterior_of_few_visits_has_the_uncertainty_of_the_jackknife():
+    answer = few_visits.run(problem(sweeps(4, spread=0.004, supply_falls=True)))
+    assert answer.named == ("supply_sag",)
+    every = coefficients.answers(answer)
+    density = posterior_density(answer, every)
+    (value,), (u,) = every.members[0][1]
+    assert density.centre[0] == pytest.approx(value, abs=0.05 * u)
+    # one standard uncertainty away chi2 has risen by 1, but for the model's curvature
+    nearby = density.departure(np.array([[value - 0.1 * u], [value + 0.1 * u]]))
+    assert nearby == pytest.approx(0.01, rel=0.1)
+    assert density.spread[0, 0] == pytest.approx(u**2, rel=0.05)
 
 
 def test_few_visits_are_judged_as_correlated_trials_where_nothing_is_seen():

@@ -335,7 +335,7 @@ def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> Flo
     root = density.problem.data.shown(triangle)
     scale = np.ones(len(flat))
     if math.isfinite(density.dof):
-        departure = np.maximum(density.stations.chi2(flat) - density.least, 0.0)
+        departure = np.maximum(density.departure(flat), 0.0)
         scale = np.sqrt(
             (density.dof + departure) / rng.chisquare(density.dof + theta.shape[-1], len(flat))
         )

@@ -14,7 +14,7 @@ from nearlift.fit.density import Density
 from nearlift.fit.estimator import Estimator, largest
 from nearlift.fit.posterior import Posterior
 from nearlift.fit.solver import solve
-from nearlift.likelihood import budget
+from nearlift.likelihood import budget, student
 from nearlift.likelihood.problem import Likelihood
 from nearlift.loop import few_visits
 from nearlift.loop.candidate import Candidate
@@ -195,20 +195,33 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
 
 
 def posterior_density(answer: Answer, answers: Answers) -> Density | None:
-    """Posterior density of the coefficients by the best answer; None where visits decide, or
-    nothing is free.
+    """Posterior density of the coefficients by the best answer; None where nothing is free.
 
     Effects' parameters, uncertain forms and stated uncertainties are integrated out, to first order
     about the fit. The density is zero beyond `LINEAR` standard uncertainties, where that is no
-    guide: an effect's linearised part may fit as well without any near-boundary lift.
+    guide: an effect's linearised part may fit as well without any near-boundary lift. Where visits
+    are few, its curvature is that of the jackknife.
     """
-    if answer.problem.independent or not answers.names:
+    if not answers.names:
         return None
     problem, _ = _marginal_likelihood(answer, answers)
     value, u = answers.members[0][1]
     centre, _ = solve(problem, value, quoted=True)
     dof = max(float(answers.dof.min()), information.LEAST_DOF)
-    return Density(problem=problem, centre=centre, dof=dof, reach=LINEAR * u)
+    if not answer.problem.independent:
+        return Density(problem=problem, centre=centre, dof=dof, reach=LINEAR * u)
+    p, known = len(u), information.joint_information(problem, problem.jacobian(centre))
+    stated = answers.covariance[:p, :p]
+    if not (known.determined.all() and np.isfinite(stated).all() and np.all(u > 0)):
+        return None
+    working, jackknife = map(np.linalg.cholesky, (known.parameter_covariance, stated))
+    return Density(
+        problem=problem,
+        centre=centre,
+        dof=dof,
+        reach=LINEAR * u * student.quantile(0.95, dof) / student.NORMAL_90,
+        curvature=np.asarray(working @ np.linalg.inv(jackknife), dtype=np.float64),
+    )
 
 
 def with_posterior(quoted: BoundaryResult, drawn: Posterior) -> BoundaryResult:

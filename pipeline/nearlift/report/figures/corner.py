@@ -30,7 +30,7 @@ SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
 def quoted_rows(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
-    """Rows of quoted_posterior.parquet of a boundary; none before a diagnosis, or of few visits."""
+    """Rows of quoted_posterior.parquet of a boundary; none before a diagnosis."""
     has = evidence.has(QUOTED_POSTERIOR)
     return evidence.frame(QUOTED_POSTERIOR, boundary=boundary) if has else pd.DataFrame()
 
