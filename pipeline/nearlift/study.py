@@ -188,7 +188,7 @@ def trials(
     held: str = "throttle",
     name: str = "trials",
     seed: int = 0,
-    **sections: Mapping[str, Any],
+    **sections: Any,
 ) -> Study:
     """Study of a table of trials, without files.
 
@@ -207,8 +207,10 @@ def trials(
         Number of rotors; 1 for an isolated rotor.
     held : str
         Held quantity: ``throttle``, ``voltage``, ``rpm`` or ``power``.
-    **sections : mapping
-        Other sections of the manifest, such as ``fit={"ground": {"rivals": []}}``.
+    **sections : mapping, list or value
+        Other keys of the manifest, such as ``fit={"ground": {"rivals": []}}``, ``simulated=True``
+        or ``uncertainty=[{"name": "datum", "on": "height", "value": "0.1 mm", "scope":
+        "boundary"}]``.
 
     Raises
     ------

@@ -151,7 +151,10 @@ def test_a_table_of_trials_gives_the_fit_of_its_campaign(fit, K_b, radii):
         rows = rows.drop(columns="lift_N")
     rows = rows.drop(columns="z_m")
     quick = {"ground": {"rivals": []}}
-    own = nearlift.trials(rows, rotor_spacing="65 mm", fit=quick, **VEHICLE)
+    stated = [{"name": "datum", "on": "height", "value": "1 um", "scope": "boundary"}]
+    more = {"fit": quick, "simulated": True, "uncertainty": stated}
+    own = nearlift.trials(rows, rotor_spacing="65 mm", **more, **VEHICLE)
+    assert own.manifest.simulated
     refit = own.fit().results.of_base("ground").parameters["K_b"]
     assert refit.value == pytest.approx(K_b.value, abs=0.3 * K_b.u)
 

@@ -72,7 +72,7 @@ def write_campaign(
     frame: pd.DataFrame,
     vehicle: Mapping[str, object],
     held: str,
-    sections: Mapping[str, Mapping[str, Any]],
+    sections: Mapping[str, Any],
 ) -> Path:
     """Write campaign.toml and trials.csv for a frame of trials; returns the campaign's folder.
 
@@ -90,15 +90,17 @@ def write_campaign(
         table["lift_sd"] = frame["u_lift_N"] * np.sqrt(frame.get("n", 1))
         units_of["lift_sd"] = "N"
     table["distance"] = table["distance"].where(np.isfinite(table["distance"].astype(float)))
+    tables = {name: value for name, value in sections.items() if isinstance(value, Mapping)}
     document: dict[str, Any] = {
         "schema": "nearlift.campaign/1",
         "name": vehicle["name"],
+        **{name: value for name, value in sections.items() if name not in tables},
         "vehicle": {key: value for key, value in vehicle.items() if value is not None},
         "rig": {"held": held, **RIG},
         "records": {"reader": "means"},
         "trials": {"units": units_of},
     }
-    for section, content in sections.items():
+    for section, content in tables.items():
         document[section] = {**document.get(section, {}), **content}
     root = folder / "raw"
     root.mkdir()
