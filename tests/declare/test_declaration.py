@@ -202,6 +202,12 @@ def test_effect_without_a_mechanism_is_refused():
         effect(mechanism="")
 
 
+def test_effect_that_is_not_shown_to_vanish_is_refused():
+    own = Check(x=1.0, expected=1.0, arguments={"gain": 0.0}, quoted_by="own arithmetic")
+    with pytest.raises(DeclarationError, match=r"no check that it does nothing .*\n  add null\("):
+        effect(checks=(own,))
+
+
 # --- composition
 
 HEIGHT = effect(

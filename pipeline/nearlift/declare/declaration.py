@@ -274,6 +274,13 @@ class Effect(Declaration):
                 "names no mechanism",
                 "only what has a physical cause may explain a residual",
             )
+        sizes = {p.name for p in self.parameters}
+        if not any(c.expected == c.x and sizes.isdisjoint(c.arguments) for c in self.checks):
+            raise DeclarationError(
+                f"effect {self.name}",
+                "has no check that it does nothing at its declared values",
+                "add null(x, ...) of nearlift.declare to its checks",
+            )
 
     def or_form(self, form: str, formula: str, evaluate: Evaluate, **declared: Any) -> Effect:
         """The effect with another form; `declared` are parameters, source, checks and other fields

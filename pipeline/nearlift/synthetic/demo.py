@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Boundary, Check, Effect, Parameter, Source, normal
+from nearlift.declare import Boundary, Check, Effect, Parameter, Source, normal, null
 from nearlift.synthetic.demo_flow import write_piv
 from nearlift.synthetic.records import GRAVITY, SimulatedBench, write_campaign
 from nearlift.synthetic.table_1 import stations_m
@@ -92,6 +92,7 @@ SUPPLY = Effect(
     source=Source("own form; a DC motor's speed scales as its voltage, lift with the square of"
         " speed", doubts=("Exact in these simulated records only.",)),
     checks=(
+        null(1.0, supply_V=3.51),
         Check(1.0, 0.81, {"supply_V": 3.51, "exponent": 2.0}, "0.9 squared", tolerance=1e-12),
     ),
 )  # fmt: skip
@@ -119,6 +120,7 @@ SHORTFALL = Effect(
     source=Source("own form, after the measured 60 % of Carter, Bouchard and Quinn 2021",
         doubts=("Exact in these simulated records only.",)),
     checks=(
+        null(2.337117, z_hat=0.1),
         Check(2.337117, 1.600, {"z_hat": 0.1, "shortfall": CEILING_SHORTFALL},
             "Carter, Bouchard and Quinn 2021: up to 60 %", tolerance=1e-3),
     ),
