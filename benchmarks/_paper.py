@@ -10,11 +10,16 @@ from pathlib import Path
 
 RATE, TARE, RECORD = 1000.0, 2.0, 10.0
 VISITS = 15
+COLUMNS = """\
+reader = "csv"
+files  = "trials/{trial}.csv"
+force  = { column = "force", unit = "mN", sign = 1 }
+"""
 
 
 def campaign(data: Path, scale: float, form: str = "csv_with_time", sagging: bool = False) -> Path:
-    """The folder of the campaign at that scale, written if it is not there; `form` as in
-    `synthetic.records`.
+    """The folder of the campaign at that scale, written if it is not there; `form` is csv (force
+    alone) or csv_with_time.
 
     `sagging`: with the demo's battery above the ground, its voltage logged everywhere; else nothing
     is wrong.
@@ -41,7 +46,7 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
     from nearlift.synthetic import demo
     from nearlift.synthetic.records import SimulatedBench, manifest, record, schedule, simulate
     from nearlift.synthetic.table_1 import TABLE_1, stations_m
-    from nearlift.synthetic.trial_schedule import randomised
+    from nearlift.synthetic.trial_schedule import battery_V, bench_V, randomised
 
     stations: dict[Boundary, np.ndarray] = {side: stations_m(side) for side in TABLE_1}
     plan = randomised(stations, seed=1, visits=max(round(VISITS * scale), 1))
@@ -50,18 +55,18 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
         for side, truth in demo.truths().items()
     }
     if sagging:
-        volts = np.where(
-            plan.boundary == "ground", demo.battery_V(plan, seed=1), demo.bench_V(plan, seed=1)
-        )
+        volts = np.where(plan.boundary == "ground", battery_V(plan, seed=1), bench_V(plan, seed=1))
         plan = dataclasses.replace(plan, further={"supply_V": volts})
     bench = SimulatedBench(rate_Hz=RATE, tare_s=TARE, record_s=RECORD)
     quantum = next(iter(truths.values())).noise.quantum_N
     true = simulate(plan, truths, bench=bench, seed=1)
     (folder / "trials").mkdir(parents=True)
+    clocked = form == "csv_with_time"
+    records = COLUMNS + ('time   = { column = "t", unit = "s" }\n' if clocked else "")
     (folder / "campaign.toml").write_text(
-        manifest("paper", "Simulated, for timing.", bench, form, quantum, plan)
-    )  # type: ignore[arg-type]
-    (folder / "trials.csv").write_text(schedule(plan, bench))
+        manifest("paper", "Simulated, for timing.", bench, records, plan)
+    )
+    (folder / "trials.csv").write_text(schedule(plan))
     clock = [f"{i / RATE:.3f}," for i in range(round((TARE + RECORD) * RATE))]
     for i, trial in enumerate(plan.trial):
         counts = record(
@@ -76,7 +81,7 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
         count, which = np.unique(counts, return_inverse=True)
         said = [f"{f:.4f}" for f in (1e3 * quantum * count).tolist()]
         force = [said[k] for k in which.tolist()]
-        lines = ["force", *force] if form == "csv" else ["t,force", *map(str.__add__, clock, force)]
+        lines = ["t,force", *map(str.__add__, clock, force)] if clocked else ["force", *force]
         (folder / "trials" / f"{trial}.csv").write_text("\n".join(lines) + "\n")
 
 

@@ -8,7 +8,11 @@ import math
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from click.testing import CliRunner
+
+from nearlift.cli import main
 
 ROOT = Path(__file__).parents[2]
 if not (ROOT / "benchmarks" / "harness.py").exists():
@@ -97,3 +101,20 @@ def test_names_that_contestants_import_exist(path):
             for alias in node.names:
                 if not hasattr(module, alias.name):
                     importlib.import_module(f"{node.module}.{alias.name}")
+
+
+@pytest.mark.parametrize(("form", "sagging"), [("csv", False), ("csv_with_time", True)])
+def test_the_campaign_that_is_benched_is_read_to_the_last_record(
+    harness, tmp_path: Path, monkeypatch, form, sagging
+):
+    paper = importlib.import_module("benchmarks._paper")
+    monkeypatch.setattr(paper, "TARE", 0.1)
+    monkeypatch.setattr(paper, "RECORD", 0.3)
+    folder = paper.campaign(tmp_path, 0.05, form, sagging)
+    out = tmp_path / "out"
+    done = CliRunner().invoke(main, ["ingest", str(folder), "--out", str(out), "-q"])
+    assert done.exit_code == 0, done.output
+    trials = pd.read_parquet(out / "processed" / "paper" / "trials.parquet")
+    assert len(trials) == len(list((folder / "trials").iterdir())) > 100
+    assert (trials["completeness"] == "complete").all()
+    assert (trials["quality"] == "").all()
