@@ -205,6 +205,16 @@ class Candidate:
             result[..., trials, entry] = change[..., i, :] / apart[..., entry]
         return np.nan_to_num(result, copy=False)
 
+    def height_slope(self, vector: FloatArray, data: Observations) -> FloatArray:
+        """D log ratio / dz of the trials `data` at one vector, per metre, (n,); 0 in free air."""
+
+        def log_ratio(t: float) -> FloatArray:
+            return self.log_ratio(vector, replace(data, z_hat=data.z_hat * (1 + t)))
+
+        with np.errstate(invalid="ignore"):
+            slope = derivative.at_zero(log_ratio) / data.z_hat / data.radius_m
+        return np.nan_to_num(slope, posinf=0.0, neginf=0.0)
+
     def shapes(self) -> Iterator[FloatArray]:
         """Null vectors with every combination of the shapes' grid values."""
         shaped = [s for s in self.slots if s.parameter.grid and s.effect]

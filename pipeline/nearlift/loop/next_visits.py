@@ -20,7 +20,6 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import trial_covariance
-from nearlift.likelihood.problem import height_slope
 from nearlift.loop.candidate_fit import Fitted, Point
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.separation import join, session
@@ -266,7 +265,7 @@ class Plan:
 def plan(problem: SearchProblem, question: Question, offered: Menu, rotating: float) -> Plan:
     """Plan from a problem's trials and the visits on offer; see `Plan` for `rotating`."""
     n, both = problem.data.n, join(problem.data, offered.trials)
-    slope = height_slope(problem.base, both, problem.base.named(problem.theta))
+    slope = problem.height_slope(both)
     declared = budget.shared(both, problem.linear_parts, slope)
     asked = question.columns(both)
     columns = np.hstack([asked, both.level_design, declared])

@@ -51,7 +51,11 @@ def prepare(
     lacking += [np.hstack(each) for each in shapes.values()]
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
-        slope = height_slope(base, data, base.named(vector[:p]))
+        if about is None:
+            slope = height_slope(base, data, base.named(vector[:p]))
+        else:
+            # the effect of a large one is part of the curve: the base model's may be far steeper
+            slope = candidate.height_slope(vector, data)
         rest, shared = np.log(data.lift_N) - log_ratio, budget.shared(data, parts, slope)
         mean = np.hstack([data.level_design, candidate.jacobian(vector)])
         variance = budget.own_variance(data, parts, slope)

@@ -123,8 +123,17 @@ class SearchProblem:
 
     @cached_property
     def slope(self) -> FloatArray:
-        """D log ratio / dz of the base model."""
-        return height_slope(self.base, self.data, self.base.named(self.theta))
+        """D log ratio / dz, (n,)."""
+        return self.height_slope(self.data)
+
+    def height_slope(self, data: Observations) -> FloatArray:
+        """D log ratio / dz of the trials `data`, (n,), by the candidate about which the noise was
+        estimated, or by the base model.
+        """
+        if self.about is None:
+            return height_slope(self.base, data, self.base.named(self.theta))
+        candidate, vector = self.about
+        return candidate.height_slope(vector, data)
 
     def candidate(self, *effects: Effect) -> Candidate:
         """The base model with these effects."""

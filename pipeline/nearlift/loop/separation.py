@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.likelihood.noise import trial_covariance
-from nearlift.likelihood.problem import Likelihood, height_slope
+from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Point
 from nearlift.loop.evidence import PLAIN_2LNB
@@ -143,7 +143,7 @@ def parted(problem: SearchProblem, data: Observations, one: Point, other: Point)
     """Non-centrality with which the trials `data` discriminate `one` explanation, fitted or
     assumed, from the `other`, whose parameters are free.
     """
-    slope = height_slope(problem.base, data, problem.base.named(problem.theta))
+    slope = problem.height_slope(data)
     space = Likelihood(
         model=problem.base, data=data, covariance=trial_covariance(data, problem.noise, slope)
     )
