@@ -165,7 +165,7 @@ def test_what_a_curve_cannot_be_of_is_refused() -> None:
         with_curve(data, ["throttle", "current_A"], 1)
     # three throttles carry no cubic
     few = dataclasses.replace(data, throttle=np.resize([0.3, 0.5, 0.8], data.n))
-    with pytest.raises(NotConverged, match="do not tell a curve of degree 3 in throttle"):
+    with pytest.raises(NotConverged, match="do not determine a curve of degree 3 in throttle"):
         fit(BASE, with_curve(few, ["throttle"], 3), scatter=KNOWN)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fit import deletion, held_quantity, information, inputs
-from nearlift.fit.least_squares import LeastSquaresFit
+from nearlift.fit.least_squares import AT_BOUND, LeastSquaresFit
 from nearlift.likelihood import budget, student
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import Likelihood
@@ -141,7 +141,7 @@ class Estimator:
             influence=self._influence[parameter.name],
             doubts=tuple(doubts),
             at_bound=bool(
-                np.isfinite(high - low) and min(value - low, high - value) < 1e-6 * (high - low)
+                np.isfinite(high - low) and min(value - low, high - value) < AT_BOUND * (high - low)
             ),
             answers=answers,
             warning=None,

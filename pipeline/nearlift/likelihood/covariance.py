@@ -24,7 +24,8 @@ from nearlift.results import IntArray
 #: A campaign of exact numbers still needs a positive variance of log lift. Ours: one part in a
 #: million, below the resolution of any load cell.
 LEAST_VARIANCE = 1e-12
-#: Number of trials of a visit above which a block of it costs more than the recursion.
+#: Most trials of a visit that are whitened as a block. Ours, by time: of more, the recursion is
+#: faster.
 MAX_BLOCK = 32
 
 

@@ -18,11 +18,12 @@ from nearlift.results.observations import LevelCurve
 #: Highest degree of the curve, also for a manifest. Ours: thrust is nearly quadratic in throttle.
 MOST_DEGREE = 4
 #: Most throttles that are shown one by one; of more, so many medians of equal shares of trials.
+#: Ours: a legend holds no more.
 MOST_SHOWN, SHOWN = 12, 5
 #: Least relative range of a variable of the curve. Ours: below it, scatter would fix the slope.
 LEAST_RANGE = 0.005
 #: Number of cosines of nearness for a smooth curve of distance, and of parts of a campaign where
-#: visits are too few to be left out.
+#: visits are too few to be left out. Ours: the curve has two bends.
 SHAPES, PARTS = 4, 10
 
 

@@ -24,7 +24,7 @@ from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
 
-#: Numbers that are whitened at once: each step of it makes a copy.
+#: Numbers that are whitened at once. Ours: each step of it makes a copy, then of 8 MB.
 BLOCK = 1_000_000
 
 
@@ -96,7 +96,7 @@ class Likelihood:
             curve = self.data.curve
             raise NotConverged(
                 "levels",
-                f"these trials do not tell a curve of degree {curve.degree} in"
+                f"these trials do not determine a curve of degree {curve.degree} in"
                 f" {' and '.join(curve.of)}",
                 "a lower degree, or fewer columns in [levels] of",
             )

@@ -22,7 +22,8 @@ DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
 #: traverses to a tenth of a millimetre. What else a stop brings (a settling flow, a cable) is
 #: likelier than a drift that fades within a stop and passes for it; the slow drifts of a bench's
 #: gain stay below a part in a thousand. A size far above its scale is pulled down as if so many
-#: more visits had shown none of it: that counts where visits are few, so `common` has a quarter.
+#: more visits had shown none of it: that counts where visits are few, so `common` has a quarter
+#: (docs/decisions.md#one-noise-likelihood).
 PRIORS = {
     "relative": (5e-3, 1.0),
     "force_N": (2e-3, 1.0),
