@@ -119,12 +119,8 @@ def test_posterior_nc_opens_in_arviz(command, products):
         import arviz
     table = tables.read_table(products / POSTERIOR.file, POSTERIOR)
     draws = draws_of(table, model="sanchez_cuevas", parameter="K_b")
-    if int(arviz.__version__.split(".")[0]) >= 1:
-        tree = arviz.from_netcdf(path)
-        root, group = tree["posterior"], tree["ground/sanchez_cuevas/posterior"]
-    else:
-        root = arviz.from_netcdf(path).posterior
-        group = arviz.InferenceData.from_netcdf(path, base_group="ground/sanchez_cuevas").posterior
+    root = arviz.from_netcdf(path).posterior
+    group = arviz.InferenceData.from_netcdf(path, base_group="ground/sanchez_cuevas").posterior
     for opened in (root, group):
         np.testing.assert_array_equal(np.asarray(opened["K_b"]).ravel(), draws)
         assert opened["K_b"].attrs["prior"] == "normal, mean 2, sd 4"
@@ -132,6 +128,9 @@ def test_posterior_nc_opens_in_arviz(command, products):
     assert group.attrs["data_sha256"] == tables.sha256(products / TRIALS.file)
     assert float(arviz.ess(np.asarray(root["K_b"]))) > 3800
     assert float(arviz.rhat(np.asarray(root["K_b"]))) < 1.02
+    first = path.read_bytes()
+    assert command("export", "--netcdf").exit_code == 0
+    assert path.read_bytes() == first
 
 
 def test_export_asks_for_a_format_and_its_package_and_all_are_on_the_command_line(
@@ -141,9 +140,9 @@ def test_export_asks_for_a_format_and_its_package_and_all_are_on_the_command_lin
     assert FORMATS.keys() <= flags
     refused = command("export")
     assert (refused.exit_code, "no format was asked for" in refused.stderr) == (2, True)
-    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    monkeypatch.setitem(sys.modules, "arviz", None)
     refused = command("export", "--netcdf")
-    told = "pip install 'nearlift[netcdf]'" in refused.stderr
+    told = "pip install 'nearlift[arviz]'" in refused.stderr
     assert (refused.exit_code, told) == (4, True)
 
 

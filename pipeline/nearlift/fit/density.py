@@ -81,9 +81,8 @@ class Density:
     are those of the noise (inf: known). The density is zero where theta differs from the centre by
     more than `reach` (p,).
 
-    Departures from the centre are multiplied by `curvature` (p, p), if there is one, so that the
-    covariance is another than the likelihood's own (Ribatet, Cooley and Davison 2012, Statistica
-    Sinica 22, 813).
+    Departures from the centre are multiplied by `curvature` (p, p), if there is one: the covariance
+    is then not the likelihood's own (Ribatet et al. 2012, Statistica Sinica 22, 813).
     """
 
     problem: Likelihood

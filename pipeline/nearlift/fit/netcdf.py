@@ -1,4 +1,4 @@
-"""posterior.nc: the draws as netCDF-4, laid out as ArviZ wants them.
+"""posterior.nc: the draws as ArviZ's InferenceData, by ArviZ.
 
 Every model of every boundary has a group, such as ``/ground/sanchez_cuevas``. In it `posterior`
 holds each parameter by chain and draw, and L_inf by throttle; `sample_stats` the densities. The
@@ -7,9 +7,10 @@ first boundary's base model is in the root too, for readers that name no group.
 
 from __future__ import annotations
 
-import io
 import math
+import tempfile
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,9 @@ from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.results.fit import LEVEL, FitResults, split_level
+from nearlift.results.fit import LEVEL, FitResults, PosteriorSummary, split_level
 
 Table = Mapping[str, NDArray[Any]]
-#: A variable: its dimensions, values and attributes.
-Variable = tuple[tuple[str, ...], NDArray[Any], dict[str, str]]
 FILE = "posterior.nc"
 
 
@@ -31,72 +30,66 @@ def content(draws: Table, fits: FitResults, about: Mapping[str, str]) -> bytes:
     Raises
     ------
     InputRefused
-        h5netcdf is not installed.
+        ArviZ is not installed.
     """
+    groups = list[tuple[str, Any]]()
+    for boundary, models in fits.boundaries.items():
+        for model, entry in models.items():
+            mine = (draws["boundary"] == boundary) & (draws["model"] == model)
+            if entry.posterior and mine.any():
+                notes = {**about, "boundary": boundary, "model": model}
+                notes |= _diagnostics(entry.posterior)
+                data = _inference_data(model, {k: x[mine] for k, x in draws.items()}, notes)
+                groups += [("/", data)] if not groups else []
+                groups.append((f"{boundary}/{model}", data))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / FILE
+        for group, data in groups:
+            data.to_netcdf(str(path), base_group=group, overwrite_existing=group == "/")
+        return path.read_bytes()
+
+
+def _diagnostics(summary: PosteriorSummary) -> dict[str, Any]:
+    """The sampler's diagnostics that have a value."""
+    names = ("sampler", "ess", "tau", "acceptance", "noise_dof")
+    values = {name: getattr(summary, name) for name in names}
+    return {k: x for k, x in values.items() if isinstance(x, str) or math.isfinite(x or math.nan)}
+
+
+def _inference_data(model: str, draws: Table, notes: Mapping[str, Any]) -> Any:
+    """One model's draws as InferenceData, with `notes` as attributes of its groups."""
     try:
-        import h5netcdf
+        import arviz
     except ImportError:
         raise InputRefused(
             FILE,
-            "needs the package h5netcdf, which is not installed",
-            "pip install 'nearlift[netcdf]'",
+            "needs the package arviz, which is not installed",
+            "pip install 'nearlift[arviz]'",
         ) from None
-    sink = io.BytesIO()
-    with h5netcdf.File(sink, "w") as file:
-        for boundary, models in fits.boundaries.items():
-            for model, entry in models.items():
-                mine = (draws["boundary"] == boundary) & (draws["model"] == model)
-                if (summary := entry.posterior) is None or not mine.any():
-                    continue
-                names = ("sampler", "ess", "tau", "acceptance", "noise_dof")
-                diagnostics = {name: getattr(summary, name) for name in names}
-                notes: dict[str, object] = {**about, "boundary": boundary, "model": model}
-                notes |= {
-                    name: x if isinstance(x, str) else float(x)
-                    for name, x in diagnostics.items()
-                    if isinstance(x, str) or (x is not None and math.isfinite(x))
-                }
-                groups = _groups(model, {name: x[mine] for name, x in draws.items()})
-                _write(file.create_group(f"{boundary}/{model}"), groups, notes)
-                if "posterior" not in file:
-                    _write(file, groups, notes)
-    return sink.getvalue()
-
-
-def _groups(model: str, draws: Table) -> dict[str, dict[str, Variable]]:
-    """Variables of the groups `posterior` and `sample_stats` of one model."""
-    dims = ("chain", "draw")
-    shape = tuple(int(draws[dim].max()) + 1 for dim in dims)
-    index: dict[str, Variable] = {
-        dim: ((dim,), np.arange(size), {}) for dim, size in zip(dims, shape, strict=True)
-    }
-    first = draws["parameter"] == draws["parameter"][0]
-    stats = index | {"lp": (dims, draws["log_prob"][first].reshape(shape), {})}
-    posterior, levels = dict(index), dict[float, NDArray[Any]]()
+    shape = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
+    posterior, levels = dict[str, NDArray[Any]](), dict[float, NDArray[Any]]()
     for name in dict.fromkeys(draws["parameter"].tolist()):
         values = draws["value"][draws["parameter"] == name].reshape(shape)
         if name.startswith(LEVEL):
             levels[split_level(name)] = values
-            continue
-        p = catalogue.model(model).parameter(name)
-        notes = {"units": p.unit, "long_name": p.meaning, "prior": str(p.prior)}
-        posterior[name] = (dims, values, notes)
+        else:
+            posterior[name] = values
     if levels:
-        notes = {"units": "N", "long_name": "lift far from the boundary"}
-        posterior["throttle"] = (("throttle",), np.array(list(levels)), {})
-        posterior[LEVEL] = ((*dims, "throttle"), np.stack(list(levels.values()), axis=-1), notes)
-    return {"posterior": posterior, "sample_stats": stats}
-
-
-def _write(
-    parent: Any, groups: dict[str, dict[str, Variable]], notes: Mapping[str, object]
-) -> None:
-    parent.attrs.update(notes)
-    for name, variables in groups.items():
-        group = parent.create_group(name)
-        group.attrs.update(notes)
-        group.dimensions = {
-            dims[0]: len(values) for dims, values, _ in variables.values() if len(dims) == 1
-        }
-        for variable, (dims, values, attributes) in variables.items():
-            group.create_variable(variable, dims, data=values).attrs.update(attributes)
+        posterior[LEVEL] = np.stack(list(levels.values()), axis=-1)
+    first = draws["parameter"] == draws["parameter"][0]
+    data = arviz.from_dict(
+        posterior=posterior,
+        sample_stats={"lp": draws["log_prob"][first].reshape(shape)},
+        coords={"throttle": list(levels)},
+        dims={LEVEL: ["throttle"]},
+    )
+    for group in data.groups():
+        # ArviZ adds the time of day, and the file would differ each time
+        data[group].attrs = dict(notes)
+    for name, variable in data.posterior.data_vars.items():
+        if name == LEVEL:
+            variable.attrs = {"units": "N", "long_name": "lift far from the boundary"}
+        else:
+            p = catalogue.model(model).parameter(str(name))
+            variable.attrs = {"units": p.unit, "long_name": p.meaning, "prior": str(p.prior)}
+    return data

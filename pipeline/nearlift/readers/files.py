@@ -116,7 +116,7 @@ def unlisted(root: Path, pattern: str, trials: Collection[str], listing: str) ->
     rest = [name for name in sorted(other) if _folded(name) not in missing]
     notes = [
         f"{missing[_folded(name)]} is missing, but {name} is there, which differs only in case or"
-        " in the Unicode form of its accents (NFC, NFD): rename the file, or the id in the schedule"
+        " in the Unicode form of its accents: rename the file, or the id in the schedule"
         for name in sorted(other)
         if _folded(name) in missing
     ]

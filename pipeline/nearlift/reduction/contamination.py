@@ -139,7 +139,7 @@ def longest_run(mask: BoolArray) -> int:
 
 def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     """Shift of the mean by the most outlying segment (0 if none), and whether that is at the
-    beginning: a block of damage or a second level.
+    beginning. Such a segment is a block of damage or a second level.
 
     It is the segment that explains most of the squares of the blocks' means: the longer it is, the
     smaller a change shows. The noise about the two levels leaves out the two blocks that fit worst,
