@@ -31,7 +31,7 @@ def models(boundary: Boundary | None = None) -> tuple[LiftModel, ...]:
     Raises
     ------
     DeclarationError
-        A package breaks, or a parameter has the name of an effect's.
+        A package cannot be loaded, or a parameter has the name of an effect's parameter.
     """
     return tuple(m for m in _models() if boundary in (None, m.boundary))
 
@@ -131,7 +131,7 @@ def _models() -> tuple[LiftModel, ...]:
 
 
 def _refuse_shared(where: str, parameter: str, owner: Mapping[str, str]) -> None:
-    """Refuse a parameter's name that an effect has: the search could not add that effect."""
+    """Refuse the name of an effect's parameter: the search could not add that effect."""
     if parameter in owner:
-        what = f"its parameter {parameter!r} has the name of one of effect {owner[parameter]}"
+        what = f"its parameter {parameter!r} is also one of effect {owner[parameter]}"
         raise DeclarationError(where, what, "rename it")

@@ -98,7 +98,7 @@ def latex(name: str) -> str:
 
 def letter(coefficient: str) -> str:
     """A coefficient's symbol in plain text, as captions have it, such as ``α``, ``ĉ`` or ``K_b``;
-    its name where that has none.
+    its name, if it has no such symbol.
     """
     text = HAT.sub("\\1\N{COMBINING CIRCUMFLEX ACCENT}", latex(coefficient))
     text = GREEK.sub(lambda m: html.unescape(f"&{m[1]};"), unicodedata.normalize("NFC", text))

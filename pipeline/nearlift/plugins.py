@@ -4,7 +4,7 @@ A package adds a model by an entry point in the group `nearlift.models` that nam
 value. An entry point in `nearlift.effects` names one `Effect`, one in `nearlift.readers` one
 `Reader`. Names are unique; nothing is overridden. A package that cannot be loaded, or offers
 something else, is refused by its name. It is not left out silently, since the results of a run
-depend on it; a change of its code makes them stale.
+depend on it. A change of its code makes them stale.
 """
 
 from __future__ import annotations

@@ -122,9 +122,7 @@ def test_a_parameter_with_the_name_of_an_effects_is_refused(tmp_path):
     )
     install(tmp_path, "lift-bell", body.replace('name="k"', 'name="gain"'))
     shown = python(tmp_path, "-c", "import nearlift.catalogue as c; c.models()")
-    assert "model bell: its parameter 'gain' has the name of one of effect session_gain" in (
-        shown.stderr
-    )
+    assert "model bell: its parameter 'gain' is also one of effect session_gain" in (shown.stderr)
 
 
 def test_the_code_of_a_package_decides_whether_products_are_stale(tmp_path, monkeypatch):

@@ -28,8 +28,8 @@ from nearlift.declare import FloatArray, Parameter
 from nearlift.likelihood.problem import Likelihood
 from nearlift.likelihood.stations import Stations
 
-#: Minus the log density where it is zero, while its peak is searched. Ours: above that of any
-#: trials.
+#: Minus the log density where the density is zero, in the search for its peak. Ours: above that of
+#: any trials.
 NO_VALUE = 1e10
 #: Width of a normal's central 90 % interval, in standard deviations, to two digits.
 WIDTH_90 = 3.3
@@ -81,8 +81,8 @@ class Density:
     are those of the noise (inf: known). The density is zero where theta differs from the centre by
     more than `reach` (p,).
 
-    Departures from the centre are multiplied by `curvature` (p, p), if there is one: the covariance
-    is then not the likelihood's own (Ribatet et al. 2012, Statistica Sinica 22, 813).
+    Departures from the centre are multiplied by `curvature` (p, p), if given, which replaces the
+    likelihood's covariance by another (Ribatet et al. 2012, Statistica Sinica 22, 813).
     """
 
     problem: Likelihood
@@ -121,7 +121,7 @@ class Density:
         return at_centre
 
     def departure(self, theta: FloatArray) -> FloatArray:
-        """chi2 less that at the centre, (m,), with the stated curvature."""
+        """chi2 less that at the centre, (m,), with `curvature`."""
         if self.curvature is not None:
             theta = self.centre + (theta - self.centre) @ self.curvature.T
         return np.asarray(self.stations.chi2(theta) - self.least, dtype=np.float64)

@@ -27,7 +27,7 @@ from nearlift.results.fit import ExponentFit, HeldQuantity, LoggedResponse
 from nearlift.rounding import chance, plus_minus
 
 #: Exponent at constant power by momentum theory, and least and greatest at constant rotor speed by
-#: an own blade-element closure (solidity times lift slope 0.75 to 1.14; docs/assumptions.md).
+#: our blade-element closure (solidity times lift slope 0.75 to 1.14; docs/assumptions.md).
 POWER, SPEED_EXPONENTS = 2 / 3, (0.6, 0.82)
 #: Plausible exponents, each with its assumption.
 PLAUSIBLE_EXPONENTS = {

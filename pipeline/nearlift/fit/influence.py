@@ -28,9 +28,9 @@ from nearlift.rounding import like, plain, plus_minus
 #: Median relative variance up to which trials repeat exactly: just above the variance floor,
 #: `likelihood.covariance.LEAST_VARIANCE`.
 EXACT_VARIANCE = 1.1e-12
-#: Shift of the headline in closed form, in its standard uncertainties, from which a trial is fitted
-#: without; and for a visit that is an outlier as a whole. Ours: `NAMED_SHIFT` less a margin, since
-#: the closed form holds the scatter that an outlier inflates.
+#: Shift of the headline in closed form, in its standard uncertainties, from which the fit is
+#: repeated without a trial; and without a visit that is an outlier as a whole. Ours: `NAMED_SHIFT`
+#: less a margin, since the closed form holds the scatter that an outlier inflates.
 TRIED_SHIFT, TRIED_SHIFT_ODD = 0.6, 0.25
 #: Shift of the headline between fits, in its standard uncertainties, from which a trial is named.
 #: Below one, since leaving out a glitch shifts it by less than the glitch did: the information of

@@ -66,8 +66,8 @@ MIN_REDUCTION = 0.05
 EXACT_INFORMATION, ENDLESS_REPEATS = 1e30, 1e8
 #: Fraction of its length that a parameter's row must keep once L_inf is projected out; least
 #: eigenvalue of the scaled information along a determined direction; and greatest share of a
-#: determined parameter in an undetermined one. Ours: well above rounding, which is 2e-16 of a row
-#: and of an eigenvalue, and its root of a share.
+#: determined parameter in an undetermined one. Ours: well above rounding, 2e-16 of a row or
+#: an eigenvalue and the square root of that for a share.
 MIN_KEPT_LENGTH, MIN_EIGENVALUE, MAX_BLIND_PART = 1e-6, 1e-13, 1e-6
 
 

@@ -18,7 +18,7 @@ from nearlift.results import Estimate, Noise, Observations
 from nearlift.results.fit import ExcludedTrial
 
 #: Standard uncertainty over a parameter's range from which it is rounding, and the parameter
-#: undetermined. Ours: no trials determine a millionth of a range.
+#: undetermined. Ours: far above any prior's.
 MAX_U_OF_RANGE = 1e6
 #: Maximum number of times that noise and slope are taken again. Ours: two settle them to second
 #: order.

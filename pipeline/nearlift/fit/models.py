@@ -143,7 +143,7 @@ def _check_assumptions(results: FitResults, campaign: Campaign, fitted: LeastSqu
 
 
 def overdeclared(result: LeastSquaresFit) -> list[str]:
-    """A note where trials scatter far less than was declared of what repeats show; else none."""
+    """A note where trials scatter far less than the stated uncertainties imply; else none."""
     from scipy.stats import chi2
 
     if not result.dof or chi2.cdf(result.chi2, result.dof) > OVERSTATED_CHI2_LEVEL:

@@ -31,7 +31,7 @@ MAX_GRID_PARAMETERS = 2
 #: Cumulative probabilities at which chain and grid are compared. Ours: the quoted interval, and the
 #: quartiles, where a missed mode shows.
 PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
-#: Steps between two assessments of a chain. Ours: a chain is at most so much longer than it needs
+#: Steps between two assessments of a chain. Ours: a chain is at most that much longer than it needs
 #: to be.
 BLOCK_STEPS = 200
 #: Approximate lattice points per standard deviation for the walkers' starts. Ours: far below the
@@ -39,7 +39,7 @@ BLOCK_STEPS = 200
 LATTICE_POINTS = 4096
 #: Length of a chain in tau from which emcee's documentation trusts the estimate of tau.
 MIN_LENGTH_TAU = 50
-#: Burn-in in tau. Ours: twice what emcee's tutorial takes, 2 to 5, and more.
+#: Burn-in in tau. Ours: at least twice the 2 to 5 of emcee's tutorial.
 BURN_IN_TAU = 10
 #: Effective draws at the ends of the 90 % interval, as a fraction of those of the mean.
 #: Ours: they mix more slowly, and half as many still fix an end to 0.05 standard deviations.
@@ -103,7 +103,7 @@ class Posterior:
         """Rows of a table of draws for one quantity; `values` are (chains, draws)."""
         chain, draw = np.indices(values.shape)
         labels = {"boundary": boundary, "model": model, "parameter": name}
-        # one text for all rows: `np.full` makes one each
+        # one string for all rows: `np.full` makes one for each
         return {k: np.array([x], dtype=object).repeat(values.size) for k, x in labels.items()} | {
             "chain": chain.ravel(),
             "draw": draw.ravel(),
@@ -219,8 +219,8 @@ def run_chain(
             tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
             short = max(ess / reached.min(), TAIL_ESS_SHARE * ess / max(float(tail.min()), 1.0))
             if short <= 1:
-                # two draws for each effective one that is asked for, more would add little;
-                # arviz takes fewer of a walker than there are walkers for a mistake
+                # two draws for each effective one asked for: more would add little. Not fewer of
+                # a walker than there are walkers, for which arviz warns of a mistake
                 thin = max(len(late) // max(2 * ess // count, count), 1)
                 kept = late[::thin].transpose(1, 0, 2)
                 check = compare(density.problem.names, kept, lattice) if lattice else None

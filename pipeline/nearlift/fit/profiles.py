@@ -20,14 +20,14 @@ from nearlift.likelihood.stations import Stations
 from nearlift.results.fit import ProfileIntervals
 from nearlift.results.quotation import LEVELS
 
-#: Points of the first grid. Ours: four a standard uncertainty.
+#: Points of the first grid. Ours: four per standard uncertainty.
 FIRST_POINTS = 33
 #: The grid is finer, with so many points, within this many standard uncertainties of the optimum.
-#: Ours: a profile is most curved there; a point each tenth of a standard uncertainty.
+#: Ours: a profile is most curved there; ten points per standard uncertainty.
 NEAR_U, NEAR_POINTS = 1.5, 31
 #: First reach in standard uncertainties; widened while the profile stays below the highest
-#: threshold, at most so often. Ours: the 95 % threshold from three degrees of freedom; each
-#: widening doubles it.
+#: threshold, at most so often. Ours: the 95 % threshold from three degrees of freedom; a widening
+#: doubles the reach.
 FIRST_REACH_U, MAX_WIDENINGS = 4.0, 5
 #: Values closer than this, in standard uncertainties, count as one. Ours: chi2 would differ by
 #: rounding.

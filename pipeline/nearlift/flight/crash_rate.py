@@ -215,7 +215,7 @@ def _wide_gaps(target_z_hat: FloatArray, resampled: FloatArray) -> set[float]:
     """Set-points to add so that no level is interpolated over a gap wider than half its interval.
 
     `resampled` are the levels of one curve under resampling, the first as flown. Empty where the
-    level and the ends of its interval lie in narrow gaps. One of `FINEST_GAP_Z_HAT` is narrow.
+    level and the ends of its interval lie in narrow gaps. A gap of `FINEST_GAP_Z_HAT` is narrow.
     """
     low, high = spread90(resampled)
     allowed = (

@@ -24,7 +24,7 @@ from nearlift.results import IntArray
 #: A campaign of exact numbers still needs a positive variance of log lift. Ours: one part in a
 #: million, below the resolution of any load cell.
 LEAST_VARIANCE = 1e-12
-#: Most trials of a visit that are whitened as a block. Ours, by time: of more, the recursion is
+#: Most trials of a visit that are whitened as a block. Ours, by timing: with more, the recursion is
 #: faster.
 MAX_BLOCK = 32
 

@@ -148,8 +148,8 @@ def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
 
 
 def unlogged(effect: Effect, data: Observations) -> tuple[str, ...]:
-    """Covariates that the effect's declaration asks to record and these trials do not have; the
-    session, where there is one only.
+    """Covariates that the effect's declaration asks to record and these trials do not have. The
+    session counts as missing if there is only one.
     """
     known = {name.split("_")[0] for name in data.covariates}
     if varies(data, "session"):

@@ -24,7 +24,7 @@ from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
 
-#: Numbers that are whitened at once. Ours: each step of it makes a copy, then of 8 MB.
+#: Numbers that are whitened at once. Ours: each step makes a copy, of 8 MB at this size.
 BLOCK = 1_000_000
 
 

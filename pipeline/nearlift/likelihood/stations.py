@@ -18,12 +18,12 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import Likelihood, where_finite
 
-#: Most stations with a triangle. Ours, by time: of more, whitening every trial is faster.
+#: Most stations with a triangle. Ours, by timing: with more, whitening every trial is faster.
 MOST = 400
 #: Nodes of log distance. Ours: 48 resolve every model from 0.5 to 12 rotor radii to rounding.
 NODES = 64
-#: Standard uncertainties either side of the fit within which nodes have to serve, and the largest
-#: error of a trial's log ratio there. Ours: 1e-6 of any load cell's scatter.
+#: Standard uncertainties to either side of the fit within which nodes must be exact, and the
+#: largest error of a trial's log ratio that counts as exact. Ours: 1e-6 of any load cell's scatter.
 REACH, EXACT = 8.0, 1e-10
 #: Numbers held at once by one batch. Ours: few enough to stay in a cache.
 BATCH = 50_000
@@ -46,9 +46,7 @@ class Stations:
 
     @classmethod
     def from_problem(cls, problem: Likelihood, theta: FloatArray, sd: FloatArray) -> Stations:
-        """The stations of a problem; nodes have to serve within `REACH` of `sd` (p,) about `theta`
-        (p,).
-        """
+        """The stations of a problem: nodes, if exact within `REACH` `sd` (p,) of `theta` (p,)."""
         data, gain = problem.data, -problem.d_shown_levels_d_lift
         needs = [
             np.asarray(value, dtype=float)
@@ -117,7 +115,7 @@ def _nodes(
     problem: Likelihood, theta: FloatArray, sd: FloatArray
 ) -> tuple[Likelihood, FloatArray] | None:
     """The problem at nodes, and the matrix (n, s) from its log ratios to those of the trials; None
-    where they do not serve.
+    where they are not exact.
 
     The nearest and farthest distances are nodes, and so is free air: the nodes have a value where
     all trials have one.

@@ -30,7 +30,7 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     kept = length > 1e-12 * max(length.max(initial=0.0), 1e-300)
     if not kept.any():
         return np.zeros((len(columns), 0))
-    # one copy, laid out so that the factorisation works in its place
+    # one copy, laid out by columns so that the factorisation can overwrite it
     columns = np.array(columns[:, kept], order="F", copy=None)
     np.divide(columns, [float(np.sqrt(np.sum(x**2))) for x in columns.T], out=columns)
     # scipy's `qr` spends as long on checks as on a few columns
@@ -58,8 +58,8 @@ def left_singular(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 def framed(basis: FloatArray) -> FloatArray:
     """The orthonormal basis (n, d) of the same span that a fixed set of directions picks.
 
-    Which of the many a factorisation gives is rounding's choice where columns tie; what is drawn in
-    their coordinates must not depend on that.
+    Where columns tie, rounding decides which basis a factorisation gives. Draws in its coordinates
+    must not depend on that.
     """
     q, r = np.linalg.qr(basis.T @ np.random.default_rng(0).standard_normal(basis.shape))
     result: FloatArray = basis @ (q * np.where(np.diag(r) < 0, -1.0, 1.0))

@@ -22,7 +22,7 @@ DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
 #: traverses to a tenth of a millimetre. What else a stop brings (a settling flow, a cable) is
 #: likelier than a drift that fades within a stop and passes for it; the slow drifts of a bench's
 #: gain stay below a part in a thousand. A size far above its scale is pulled down as if so many
-#: more visits had shown none of it: that counts where visits are few, so `common` has a quarter
+#: more visits had shown none of it. That matters where visits are few, so `common` has a quarter
 #: (docs/decisions.md#one-noise-likelihood).
 PRIORS = {
     "relative": (5e-3, 1.0),
@@ -174,7 +174,7 @@ class VarianceComponents:
                 f" {variance.max() / variance.min():.0e} and more: some trials count for nothing",
                 "look for lifts in another unit, near zero, or with a wrong standard error",
             ) from fault
-        # in the place of `white`: arrays of n x (q + k) set the peak of a fit's memory
+        # overwrites `white`: arrays of n x (q + k) set the peak of a fit's memory
         u = solve_triangular(triangle, white.T, lower=True, overwrite_b=True, check_finite=False)
         explained = u @ y_white
         value = float(

@@ -206,7 +206,7 @@ class Candidate:
         return np.nan_to_num(result, copy=False)
 
     def height_slope(self, vector: FloatArray, data: Observations) -> FloatArray:
-        """D log ratio / dz of the trials `data` at one vector, per metre, (n,); 0 in free air."""
+        """Slope with distance of the log ratio at one vector, 1/m, (n,); 0 in free air."""
 
         def log_ratio(t: float) -> FloatArray:
             return self.log_ratio(vector, replace(data, z_hat=data.z_hat * (1 + t)))

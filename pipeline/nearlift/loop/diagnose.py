@@ -338,7 +338,7 @@ def set_up(
     between = tuple(e for e in problem.effects if e.name not in absorbed)
     datum = stated_datum(parts, base, kept)
     if datum and (first_order or few_visits.visits_are_few(kept)):
-        # few visits are fitted as if they shared no error: it competes as an effect
+        # few visits are fitted without shared errors: the datum competes as an effect
         stated, datum = dataclasses.replace(datum, name="height_offset"), None
         between = tuple(stated if e.name == stated.name else e for e in between)
     if datum:

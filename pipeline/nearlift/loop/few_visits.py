@@ -42,11 +42,11 @@ def visits_are_few(data: Observations) -> bool:
 
 
 def freedom(problem: SearchProblem, fitted: Fitted) -> FloatArray:
-    """Degrees of freedom of the jackknife over visits, (P,), at least 1: Satterthwaite's, for the
-    noise floor and a fit that is linear.
+    """Satterthwaite's degrees of freedom of the jackknife over visits, (P,), at least 1.
 
-    A coefficient that one visit determines has hardly more than one, however many the visits
-    (Bell and McCaffrey 2002, Survey Methodology 28, 169).
+    A coefficient that one visit determines has hardly more than one, however many visits there are
+    (Bell and McCaffrey 2002, Survey Methodology 28, 169). The noise floor is taken as the noise,
+    and the fit as linear.
     """
     _, weight = _weights(problem)
     levels = problem.data.level_design

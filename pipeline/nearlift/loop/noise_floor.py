@@ -54,7 +54,7 @@ def prepare(
         if about is None:
             slope = height_slope(base, data, base.named(vector[:p]))
         else:
-            # the effect of a large one is part of the curve: the base model's may be far steeper
+            # a large effect is part of the curve, and the base model may be far steeper
             slope = candidate.height_slope(vector, data)
         rest, shared = np.log(data.lift_N) - log_ratio, budget.shared(data, parts, slope)
         mean = np.hstack([data.level_design, candidate.jacobian(vector)])

@@ -200,7 +200,7 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
     Effects' parameters, uncertain forms and stated uncertainties are integrated out, to first order
     about the fit. The density is zero beyond `LINEAR` standard uncertainties, where that is no
     guide: an effect's linearised part may fit as well without any near-boundary lift. Where visits
-    are few, its curvature is that of the jackknife.
+    are few, its curvature is from the jackknife's covariance.
     """
     if not answers.names:
         return None

@@ -123,12 +123,12 @@ class SearchProblem:
 
     @cached_property
     def slope(self) -> FloatArray:
-        """D log ratio / dz, (n,)."""
+        """Slope of the log ratio with distance, 1/m, (n,)."""
         return self.height_slope(self.data)
 
     def height_slope(self, data: Observations) -> FloatArray:
-        """D log ratio / dz of the trials `data`, (n,), by the candidate about which the noise was
-        estimated, or by the base model.
+        """Slope with distance of the log ratio of `data`, 1/m, (n,), by the candidate about which
+        the noise was estimated, or by the base model.
         """
         if self.about is None:
             return height_slope(self.base, data, self.base.named(self.theta))

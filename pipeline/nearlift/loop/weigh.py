@@ -177,7 +177,7 @@ def weigh(
     may be named. Trials are `silent` if no test shows structure. The likeliest are first; those
     below `LEAST_LISTED` are summed at the end.
     """
-    # of few visits, scores on those left out are relative to the base model's
+    # where visits are few, scores are of those left out, relative to the base model's
     by_visits = problem.independent
     nothing = 0.0 if by_visits else problem.nothing_added[1]
     foremost = next(iter(first.foremost()), "distance")
@@ -211,7 +211,7 @@ def weigh(
                 add_nameless(nameless(problem, linear_fit.left).items(), value)
     else:
         single = nothing / TEMPERATURE + log_odds(problem, 1)
-        # trials of few visits are fitted as if independent; as evidence they are not
+        # where visits are few, trials are fitted as independent but weighed as correlated
         for name, log_bf in first_order(problem.correlated).items():
             terms.append((((name,), ""), single + log_bf / TEMPERATURE))
     return _listed(_summed(terms))

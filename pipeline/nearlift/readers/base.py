@@ -182,7 +182,7 @@ def fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
 def wanted(name: str, names: Names) -> bool:
     """Whether a reader must read this channel, since `pick` may choose it for one of these names.
 
-    It may also be the other part of a clock in two columns. Without names all are wanted.
+    It may also be the other part of a clock in two columns. Without names every channel is read.
     """
     if names is None:
         return True

@@ -71,7 +71,7 @@ def run(job: Job) -> Outcome:
         if "outlying" in codes.split()
     ]
     observed = {b: observe(trials, job.campaign, b) for b in present}
-    # before the fits need memory
+    # the fits need its memory
     del trials
     choices = {b: choice(job.campaign, b) for b in present}
     models = {b: (base, *rivals) for b, (base, rivals) in choices.items()}

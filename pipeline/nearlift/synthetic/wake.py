@@ -86,7 +86,7 @@ class Wake:
         vx, vy = self._slopes(self._plane, x_m, y_m)
         for centre in self.scene.rotors_m:
             aside = x_m - centre
-            # on the axis itself the limit
+            # near the axis, the value next to it
             rho = np.where(np.abs(aside) < near, np.where(aside < 0, -near, near), aside)
             parts = self._slopes(partial(self._jet, centre), centre + rho, y_m)
             vx, vy = vx + parts[0] / rho, vy + parts[1] / rho

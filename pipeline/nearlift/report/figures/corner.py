@@ -49,7 +49,7 @@ def draws(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
 
 
 def explanation(evidence: Evidence, boundary: Boundary) -> str:
-    """Phrase on the explanation that the draws suppose; empty where it is all that is quoted."""
+    """Phrase for what the draws are of; empty where it is the quoted value itself."""
     quoted = evidence.quoted(boundary)
     if quoted.verdict != NOT_DIAGNOSED and quoted_rows(evidence, boundary).empty:
         return "base model alone"
@@ -58,8 +58,8 @@ def explanation(evidence: Evidence, boundary: Boundary) -> str:
 
 
 def table(evidence: Evidence) -> pd.DataFrame:
-    """A row for each draw of each parameter: `panel` (boundary, and explanation where it is not all
-    that is quoted), `name`, `draw`, `value`.
+    """A row for each draw of each parameter: `panel` (boundary, then `explanation`), `name`,
+    `draw`, `value`.
     """
     parts = []
     for boundary in evidence.boundaries:
