@@ -27,7 +27,7 @@ REMARKS = {
     ),
     "garofano-soldado-2023-axes": (
         "force along the rotors' axes. No effect of the library changes the curve with tilt as"
-        " these rotors do; k is at its bound"
+        " these rotors do; k is undetermined"
     ),
     "jirs2024-ground-10-inch": "one odd cell (z over R 1.18, full throttle) makes the floor",
     "jirs2024-ground-12-inch": (
