@@ -226,7 +226,7 @@ def posterior_density(answer: Answer, answers: Answers) -> Density | None:
 
 def with_posterior(quoted: BoundaryResult, drawn: Posterior) -> BoundaryResult:
     """The result with the posterior's interval added to `holds` where it differs by `SAME_END` from
-    the quoted one. Causes are the effect's exact form, rivals, or the model's curvature.
+    the quoted one. Causes are the effect's exact form, rivals, the prior, or the model's curvature.
     """
     coefficients = dict(quoted.coefficients)
     for i, (name, c) in enumerate(quoted.coefficients.items()):
@@ -234,7 +234,7 @@ def with_posterior(quoted: BoundaryResult, drawn: Posterior) -> BoundaryResult:
         apart = max(abs(low - c.lo90), abs(high - c.hi90))
         if np.isfinite(apart) and apart > SAME_END * c.u:
             ends = f"{like(low, c.u)} to {like(high, c.u)}"
-            why = "alone" if quoted.effects else "with the model’s curvature"
+            why = "alone" if quoted.effects else "with prior and curvature"
             holds = f"{c.holds} Posterior {why}: 90 % {ends}."
             coefficients[name] = dataclasses.replace(c, holds=holds)
     return dataclasses.replace(quoted, coefficients=coefficients)
