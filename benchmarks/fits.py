@@ -171,8 +171,11 @@ def scipy(data: Path, design: str) -> dict[str, Any]:
             _, a, b = curve_and_slopes(found["z"], x[0], x[1])
             return -np.column_stack([w @ np.column_stack([a, b]), w_levels])
 
+        def residual(x: Any) -> Any:
+            return w @ (y - levels @ x[2:] - curve_and_slopes(found["z"], x[0], x[1])[0])
+
         return least_squares(
-            lambda x: w @ (y - levels @ x[2:] - curve_and_slopes(found["z"], x[0], x[1])[0]),
+            residual,
             start,
             jac=jacobian,
             method="lm",

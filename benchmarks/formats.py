@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 
 from benchmarks import _paper
@@ -163,12 +164,12 @@ BENCH = Bench(
             Contestant(
                 name=form,
                 title=f"{library}, bare read of {form}",
-                command=lambda data, form=form: bare(data, form),
+                command=partial(bare, form=form),
             ),
             Contestant(
                 name=f"nearlift-{form}",
                 title=f"nearlift, {form}",
-                command=lambda data, form=form: nearlift(data, form),
+                command=partial(nearlift, form=form),
             ),
         )
     ),

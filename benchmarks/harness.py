@@ -247,7 +247,7 @@ def regressions(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
             for quantity, ratio in c["ratio"].items():
                 then = were.get((c["name"], quantity))
                 grown = change(ratio, then) if then else None
-                if grown is not None and grown > 0:
+                if then and grown is not None and grown > 0:
                     found.append(
                         f"{key}: {c['title']}: {QUANTITIES[quantity]} {ratio['median']:.3g} x"
                         f" {bench['one']}, was {then['median']:.3g}: {100 * math.expm1(grown):.0f}"
@@ -385,12 +385,12 @@ def markdown(result: Mapping[str, Any]) -> str:
         for c in bench["contestants"]:
             both = [_range(c["ratio"][q]) if c["ratio"] else "" for q in ("wall_s", "cpu_s")]
             own = [number(c[q]["median"]) for q in QUANTITIES]
-            said = [r[e] if isinstance(r := c["runs"][-1], dict) and e in r else "" for e in extras]
+            told = [r[e] if isinstance(r := c["runs"][-1], dict) and e in r else "" for e in extras]
             cells = [
                 c["title"],
                 *both,
                 *own,
-                *(number(s) if isinstance(s, float) else str(s) for s in said),
+                *(number(s) if isinstance(s, float) else str(s) for s in told),
             ]
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"

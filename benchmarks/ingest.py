@@ -78,7 +78,7 @@ def duckdb(data: Path) -> dict[str, Any]:
 
     db.sql("set threads = 2")
     files = f"read_csv('{campaign(data)}/trials/*.csv', filename = true)"
-    table = db.sql(
+    table = db.execute(
         f"select filename, avg(force), stddev(force) from {files} where t >= {_paper.TARE} group by"
         " filename"
     ).fetchall()

@@ -57,7 +57,10 @@ def write(path: Path) -> None:
 def curve(z: Any, K_b: Any, n: Any) -> Any:
     """The model, as anyone would write it."""
     d, b = GEOMETRY["spacing_hat"], GEOMETRY["diagonal_hat"]
-    image = lambda h: z / (h * h + 4 * z * z) ** 1.5  # noqa: E731
+
+    def image(h: Any) -> Any:
+        return z / (h * h + 4 * z * z) ** 1.5
+
     return (1 - 1 / (16 * z * z) - image(d) - 0.5 * image(2**0.5 * d) - 2 * K_b * image(b)) ** -n
 
 

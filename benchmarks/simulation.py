@@ -95,8 +95,8 @@ def plans() -> list[Any]:
 
     return [
         (
-            paper.AS_PRINTED.simulation(boundary, 2, 1),
-            paper.scaled_curves(boundary),
+            paper.simulation("paper", boundary, 2, 1),
+            paper.scaled_curves(boundary, paper.EXPONENTS),
             paper.TARGETS[boundary],
         )
         for boundary in paper.MODELS
