@@ -385,12 +385,14 @@ def markdown(result: Mapping[str, Any]) -> str:
         for c in bench["contestants"]:
             both = [_range(c["ratio"][q]) if c["ratio"] else "" for q in ("wall_s", "cpu_s")]
             own = [number(c[q]["median"]) for q in QUANTITIES]
-            told = [r[e] if isinstance(r := c["runs"][-1], dict) and e in r else "" for e in extras]
+            further = [
+                r[e] if isinstance(r := c["runs"][-1], dict) and e in r else "" for e in extras
+            ]
             cells = [
                 c["title"],
                 *both,
                 *own,
-                *(number(s) if isinstance(s, float) else str(s) for s in told),
+                *(number(s) if isinstance(s, float) else str(s) for s in further),
             ]
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
