@@ -316,7 +316,9 @@ def one_throttle_of(visit, data):
 def test_few_visits_quote_intervals_of_visits_within_the_declared_range(null):
     answer = nothing_found(replace(null, independent=True))
     every = coefficients.answers(answer)
-    doubts = result(answer, every, (), None).coefficients["K_b"].doubts
+    quoted = result(answer, every, (), None).coefficients["K_b"]
+    assert f"whole visits ({quoted.dof:.2g} degrees of freedom)" in quoted.holds
+    doubts = quoted.doubts
     # a refit at another exponent has the interval of trials, narrower than that of visits
     assert not any("exponent" in d.condition for d in doubts)
     (value,), (u,) = every.before

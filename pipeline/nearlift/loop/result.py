@@ -129,7 +129,7 @@ def _holds(answer: Answer, answers: Answers) -> str:
     named, by_visits = " and ".join(answer.named), answer.problem.independent
     errors = ["trial noise", *budget.stated(answer.problem.parts)]
     if by_visits:
-        errors = ["the scatter of whole visits"]
+        errors = [f"the scatter of whole visits ({answers.dof.min():.2g} degrees of freedom)"]
     if answers.carried:
         errors.append(f"the unexplained dependence on {' and '.join(answers.carried)}")
     if named and not by_visits:
