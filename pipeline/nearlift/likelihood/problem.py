@@ -255,11 +255,17 @@ def height_slope(
     moved by `offset_m`.
     """
     known, z_hat = needed(model, data), data.z_hat + offset_m / data.radius_m
+    return slope_with_distance(
+        lambda z: np.log(model.evaluate(z, **parameters, **known)), z_hat, data.radius_m
+    )
+
+
+def slope_with_distance(
+    log_ratio: Callable[[FloatArray], FloatArray], z_hat: FloatArray, radius_m: float
+) -> FloatArray:
+    """Slope of a log ratio, a function of z_hat (n,), with distance, 1/m, (n,); 0 in free air."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        slope = derivative.at_zero(
-            lambda t: np.log(model.evaluate(z_hat * (1 + t), **parameters, **known))
-        )
-        slope = slope / z_hat / data.radius_m
+        slope = derivative.at_zero(lambda t: log_ratio(z_hat * (1 + t))) / z_hat / radius_m
     return np.nan_to_num(slope, posinf=0.0, neginf=0.0)
 
 

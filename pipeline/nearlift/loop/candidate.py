@@ -20,7 +20,7 @@ from nearlift import catalogue, derivative
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, Prior, compose
 from nearlift.fit import height_error
 from nearlift.likelihood.budget import Component
-from nearlift.likelihood.problem import needed
+from nearlift.likelihood.problem import needed, slope_with_distance
 from nearlift.likelihood.subspace import cosines
 from nearlift.loop.families import indicators
 from nearlift.results import IntArray, Observations
@@ -207,13 +207,9 @@ class Candidate:
 
     def height_slope(self, vector: FloatArray, data: Observations) -> FloatArray:
         """Slope with distance of the log ratio at one vector, 1/m, (n,); 0 in free air."""
-
-        def log_ratio(t: float) -> FloatArray:
-            return self.log_ratio(vector, replace(data, z_hat=data.z_hat * (1 + t)))
-
-        with np.errstate(invalid="ignore"):
-            slope = derivative.at_zero(log_ratio) / data.z_hat / data.radius_m
-        return np.nan_to_num(slope, posinf=0.0, neginf=0.0)
+        return slope_with_distance(
+            lambda z: self.log_ratio(vector, replace(data, z_hat=z)), data.z_hat, data.radius_m
+        )
 
     def shapes(self) -> Iterator[FloatArray]:
         """Null vectors with every combination of the shapes' grid values."""

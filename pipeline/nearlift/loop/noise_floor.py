@@ -9,7 +9,6 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood import budget, noise
-from nearlift.likelihood.problem import height_slope
 from nearlift.loop.candidate import Candidate, library_columns
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import SearchProblem
@@ -51,11 +50,8 @@ def prepare(
     lacking += [np.hstack(each) for each in shapes.values()]
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
-        if about is None:
-            slope = height_slope(base, data, base.named(vector[:p]))
-        else:
-            # a large effect is part of the curve, and the base model may be far steeper
-            slope = candidate.height_slope(vector, data)
+        # a large effect is part of the curve, and the base model may be far steeper
+        slope = dataclasses.replace(problem, about=about, theta=vector[:p]).slope
         rest, shared = np.log(data.lift_N) - log_ratio, budget.shared(data, parts, slope)
         mean = np.hstack([data.level_design, candidate.jacobian(vector)])
         variance = budget.own_variance(data, parts, slope)
